@@ -1,0 +1,217 @@
+//! Cameras: pinhole and orthographic, kept in f64.
+
+use glam::{DAffine3, DMat3, DVec2, DVec3};
+use thiserror::Error;
+
+/// Where a camera stands: camera space is x right, y down, z forward.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// From the world to camera space; a rigid motion.
+    pub world_to_camera: DAffine3,
+}
+
+/// Intrinsics in pixels: a camera-space point (x, y, z) is seen at `focal * (x, y) / z + center`, or, by an
+/// orthographic camera, at `focal * (x, y) + center`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Intrinsics {
+    /// Focal lengths f_x, f_y in pixels; for an orthographic camera pixels a world unit.
+    pub focal: DVec2,
+    /// Principal point in pixels from the top left corner of the picture.
+    pub center: DVec2,
+}
+
+/// How depth acts on the picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Projection {
+    /// A pinhole camera.
+    Perspective,
+    /// Parallel rays along the view axis.
+    Orthographic,
+}
+
+/// A camera and the size of its picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    pose: Pose,
+    intrinsics: Intrinsics,
+    projection: Projection,
+    size: [u32; 2],
+    near: f64,
+}
+
+/// Why numbers do not make a camera.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum CameraError {
+    /// The view direction is undefined.
+    #[error("eye {eye} and target {target} are one point; they must differ")]
+    NoDirection {
+        /// Where the camera stands.
+        eye: DVec3,
+        /// What it looks at.
+        target: DVec3,
+    },
+    /// The up vector says nothing about the roll.
+    #[error("up {up} is parallel to the view direction {forward}; choose another")]
+    NoRoll {
+        /// The up vector given.
+        up: DVec3,
+        /// The view direction.
+        forward: DVec3,
+    },
+    /// A number is outside its range.
+    #[error("{what} is {value}; {expected}")]
+    Value {
+        /// Which number.
+        what: &'static str,
+        /// What it is.
+        value: f64,
+        /// What would be right.
+        expected: &'static str,
+    },
+}
+
+impl Pose {
+    /// Stands at `eye`, looks at `target`, with `up` upwards in the picture (world space, any length).
+    ///
+    /// # Errors
+    /// When the points coincide, `up` is parallel to the view direction, or a number is not finite.
+    pub fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> Result<Self, CameraError> {
+        for (what, v) in [("eye", eye), ("target", target), ("up", up)] {
+            if !v.is_finite() {
+                let value = v.to_array().into_iter().find(|x| !x.is_finite()).unwrap_or(f64::NAN);
+                return Err(CameraError::Value { what, value, expected: "it must be finite" });
+            }
+        }
+        let forward = (target - eye).try_normalize().ok_or(CameraError::NoDirection { eye, target })?;
+        let up_unit = up.try_normalize().ok_or(CameraError::NoRoll { up, forward })?;
+        let right = forward.cross(up_unit);
+        if right.length() < 1e-9 {
+            return Err(CameraError::NoRoll { up, forward });
+        }
+        let right = right.normalize();
+        let down = forward.cross(right);
+        let rotation = DMat3::from_cols(right, down, forward).transpose();
+        Ok(Self { world_to_camera: DAffine3::from_mat3_translation(rotation, -(rotation * eye)) })
+    }
+
+    /// Where the camera stands in the world.
+    pub fn eye(&self) -> DVec3 {
+        self.world_to_camera.inverse().translation
+    }
+
+    /// The view axis in the world.
+    pub fn forward(&self) -> DVec3 {
+        self.world_to_camera.matrix3.row(2)
+    }
+}
+
+impl Camera {
+    /// A pinhole camera with square pixels and a vertical angle of view in radians, in (0, π).
+    ///
+    /// # Errors
+    /// When the angle or the size is outside its range.
+    pub fn perspective(pose: Pose, vertical_angle: f64, size: [u32; 2]) -> Result<Self, CameraError> {
+        if !(vertical_angle > 0.0 && vertical_angle < std::f64::consts::PI) {
+            return Err(CameraError::Value {
+                what: "vertical angle",
+                value: vertical_angle,
+                expected: "it must be between 0 and π radians",
+            });
+        }
+        let focal = f64::from(size[1]) / (2.0 * (vertical_angle / 2.0).tan());
+        let intrinsics = Intrinsics { focal: DVec2::splat(focal), center: half(size) };
+        Self::from_intrinsics(pose, intrinsics, Projection::Perspective, size)
+    }
+
+    /// An orthographic camera with square pixels that sees `height` world units from top to bottom.
+    ///
+    /// # Errors
+    /// When the height or the size is outside its range.
+    pub fn orthographic(pose: Pose, height: f64, size: [u32; 2]) -> Result<Self, CameraError> {
+        let intrinsics = Intrinsics { focal: DVec2::splat(f64::from(size[1]) / height), center: half(size) };
+        Self::from_intrinsics(pose, intrinsics, Projection::Orthographic, size)
+    }
+
+    /// A camera from its intrinsics and pose.
+    ///
+    /// # Errors
+    /// When a focal length is not above 0, a number is not finite, or a side of the picture is 0 or above
+    /// 65,536.
+    pub fn from_intrinsics(
+        pose: Pose,
+        intrinsics: Intrinsics,
+        projection: Projection,
+        size: [u32; 2],
+    ) -> Result<Self, CameraError> {
+        for value in intrinsics.focal.to_array() {
+            if !(value > 0.0 && value.is_finite()) {
+                let expected = "it must be finite and above 0";
+                return Err(CameraError::Value { what: "focal length", value, expected });
+            }
+        }
+        for value in intrinsics.center.to_array() {
+            if !value.is_finite() {
+                return Err(CameraError::Value {
+                    what: "principal point",
+                    value,
+                    expected: "it must be finite",
+                });
+            }
+        }
+        for value in size.map(f64::from) {
+            if !(1.0..=65_536.0).contains(&value) {
+                let expected = "it must be from 1 to 65536 pixels";
+                return Err(CameraError::Value { what: "side of the picture", value, expected });
+            }
+        }
+        if !pose.world_to_camera.is_finite() {
+            return Err(CameraError::Value { what: "pose", value: f64::NAN, expected: "it must be finite" });
+        }
+        Ok(Self { pose, intrinsics, projection, size, near: 0.0 })
+    }
+
+    /// The same camera with nothing drawn nearer than `near` (world units along the view axis, default 0).
+    #[must_use]
+    pub fn with_near(mut self, near: f64) -> Self {
+        self.near = near;
+        self
+    }
+
+    /// Where it stands.
+    pub fn pose(&self) -> Pose {
+        self.pose
+    }
+
+    /// Its intrinsics in pixels.
+    pub fn intrinsics(&self) -> Intrinsics {
+        self.intrinsics
+    }
+
+    /// How depth acts on the picture.
+    pub fn projection(&self) -> Projection {
+        self.projection
+    }
+
+    /// Width and height of the picture in pixels.
+    pub fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
+    /// The near plane's z.
+    pub fn near(&self) -> f64 {
+        self.near
+    }
+
+    /// Width of a pixel at depth `z`, in world units.
+    pub fn pixel_width_at(&self, z: f64) -> f64 {
+        let focal = self.intrinsics.focal.min_element();
+        match self.projection {
+            Projection::Perspective => z / focal,
+            Projection::Orthographic => 1.0 / focal,
+        }
+    }
+}
+
+fn half(size: [u32; 2]) -> DVec2 {
+    DVec2::new(f64::from(size[0]), f64::from(size[1])) / 2.0
+}

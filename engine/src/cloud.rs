@@ -1,0 +1,275 @@
+//! Clouds of splats: structure of arrays, one strength for all splats of a cloud.
+
+use glam::{DAffine3, DMat3, Mat3, Vec3};
+use thiserror::Error;
+
+/// The covariances of a cloud's splats, each as a factor **F** with **Σ = F Fᵀ**.
+///
+/// The columns of F are half-axes: a e₁, b e₂, c e₃ with e₁ × e₂ = e₃. A surfel's normal is e₃ and its
+/// third column is zero when it is perfectly flat; Σ⁻¹ is never formed, so that is an ordinary value.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Shapes {
+    /// One factor for every splat, as in a regular grid.
+    Shared(Mat3),
+    /// A factor for each splat.
+    Each(Vec<Mat3>),
+}
+
+impl Shapes {
+    /// The factor of splat `index`, in cloud space.
+    pub fn factor(&self, index: usize) -> Mat3 {
+        match self {
+            Self::Shared(factor) => *factor,
+            Self::Each(factors) => factors[index],
+        }
+    }
+}
+
+/// What the amplitude of a cloud's kernels means.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Strength {
+    /// Extinction kernels. The mass is ∫ extinction dV = κ (2π)^{3/2} |Σ|^{1/2}, in squared world units,
+    /// for peak extinction κ; at least 0.
+    Extinction {
+        /// A mass for each splat.
+        masses: Vec<f32>,
+    },
+    /// Kernels with a peak opacity in [0, 1], the same from every side, as in trained Gaussian scenes.
+    Opacity {
+        /// A peak opacity for each splat.
+        peaks: Vec<f32>,
+    },
+    /// Surface samples.
+    Surface(Surface),
+}
+
+/// What makes a cloud's splats samples of a surface.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Surface {
+    /// The surface area that each splat stands for, in squared world units.
+    pub areas: Vec<f32>,
+    /// Opacity of the surface at each splat in [0, 1]; `None` is opaque.
+    pub opacities: Option<Vec<f32>>,
+    /// Samples of one pixel within this depth (world units) of the first belong to one layer: about one
+    /// surfel radius.
+    pub depth_tolerance: f32,
+    /// The floor w₀ of the summed coverage that the sampler guarantees away from borders, in (0, 1].
+    pub coverage_floor: f32,
+    /// A closed surface drops the splats whose normal points away from the camera.
+    pub closed: bool,
+}
+
+/// Blinn–Phong coefficients of a cloud.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Material {
+    /// Share of ambient light returned.
+    pub ambient: f32,
+    /// Share of the light returned diffusely.
+    pub diffuse: f32,
+    /// Share of the light returned in the highlight, uncoloured.
+    pub specular: f32,
+    /// Exponent of the highlight.
+    pub exponent: f32,
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self { ambient: 0.3, diffuse: 0.7, specular: 0.2, exponent: 20.0 }
+    }
+}
+
+impl Material {
+    /// Shows the colours as they are.
+    pub const UNLIT: Self = Self { ambient: 1.0, diffuse: 0.0, specular: 0.0, exponent: 1.0 };
+}
+
+/// The arrays of a cloud before they are checked. All have one length, in the same order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Splats {
+    /// Centres in cloud space.
+    pub centers: Vec<Vec3>,
+    /// Covariance factors in cloud space.
+    pub shapes: Shapes,
+    /// What the amplitudes mean.
+    pub strength: Strength,
+    /// Linear Rec. 709 colours, not premultiplied.
+    pub colors: Vec<[f32; 3]>,
+    /// Unit normals for shading in cloud space; a zero vector, or `None` for all, is a splat without one.
+    pub normals: Option<Vec<Vec3>>,
+    /// How the splats answer light.
+    pub material: Material,
+}
+
+/// Splats that can be drawn: every number finite, every array of one length.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cloud {
+    splats: Splats,
+    cloud_to_world: DAffine3,
+}
+
+/// Why arrays do not make a cloud.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum CloudError {
+    /// Two arrays differ in length.
+    #[error("{array} has {found} entries where the cloud has {expected} centres")]
+    Length {
+        /// The name of the array.
+        array: &'static str,
+        /// Its length.
+        found: usize,
+        /// The number of centres.
+        expected: usize,
+    },
+    /// A number is outside its range.
+    #[error("splat {index}: {what} is {value}; {expected}")]
+    Value {
+        /// The splat.
+        index: usize,
+        /// Which number.
+        what: &'static str,
+        /// What it is.
+        value: String,
+        /// What would be right.
+        expected: &'static str,
+    },
+    /// More splats than a 32-bit id can name.
+    #[error("{0} splats; at most 4294967294 can be named")]
+    Count(usize),
+}
+
+impl Cloud {
+    /// Checks the arrays and makes them a cloud whose space is the world.
+    ///
+    /// # Errors
+    /// When arrays differ in length or a number is not finite or outside its documented range.
+    pub fn new(splats: Splats) -> Result<Self, CloudError> {
+        validate(&splats)?;
+        Ok(Self { splats, cloud_to_world: DAffine3::IDENTITY })
+    }
+
+    /// The same cloud elsewhere: `outer` is applied after the transform that the cloud already has.
+    /// Masses scale with its determinant, areas by their own factor.
+    #[must_use]
+    pub fn transformed(mut self, outer: DAffine3) -> Self {
+        self.cloud_to_world = outer * self.cloud_to_world;
+        self
+    }
+
+    /// The number of splats.
+    pub fn len(&self) -> usize {
+        self.splats.centers.len()
+    }
+
+    /// Whether there is nothing to draw.
+    pub fn is_empty(&self) -> bool {
+        self.splats.centers.is_empty()
+    }
+
+    /// The checked arrays.
+    pub fn splats(&self) -> &Splats {
+        &self.splats
+    }
+
+    /// The transform from cloud space to the world.
+    pub fn cloud_to_world(&self) -> DAffine3 {
+        self.cloud_to_world
+    }
+
+    /// The smallest and largest corner of the centres in the world; `None` for an empty cloud.
+    pub fn bounds(&self) -> Option<[glam::DVec3; 2]> {
+        let mut corners: Option<[glam::DVec3; 2]> = None;
+        for center in &self.splats.centers {
+            let p = self.cloud_to_world.transform_point3(center.as_dvec3());
+            corners = Some(corners.map_or([p, p], |[low, high]| [low.min(p), high.max(p)]));
+        }
+        corners
+    }
+}
+
+fn validate(splats: &Splats) -> Result<(), CloudError> {
+    let expected = splats.centers.len();
+    if expected >= u32::MAX as usize {
+        return Err(CloudError::Count(expected));
+    }
+    let length = |array: &'static str, found: usize| {
+        if found == expected { Ok(()) } else { Err(CloudError::Length { array, found, expected }) }
+    };
+    let finite = |what: &'static str, index: usize, ok: bool, value: &dyn std::fmt::Debug| {
+        if ok {
+            return Ok(());
+        }
+        Err(CloudError::Value { index, what, value: format!("{value:?}"), expected: "it must be finite" })
+    };
+    let range = |what: &'static str, values: &[f32], high: f32, expected: &'static str| {
+        length(what, values.len())?;
+        match values.iter().position(|v| !(*v >= 0.0 && *v <= high)) {
+            None => Ok(()),
+            Some(index) => Err(CloudError::Value { index, what, value: values[index].to_string(), expected }),
+        }
+    };
+
+    for (index, center) in splats.centers.iter().enumerate() {
+        finite("centre", index, center.is_finite(), center)?;
+    }
+    match &splats.shapes {
+        Shapes::Shared(factor) => finite("shape", 0, factor.is_finite(), factor)?,
+        Shapes::Each(factors) => {
+            length("shapes", factors.len())?;
+            for (index, factor) in factors.iter().enumerate() {
+                finite("shape", index, factor.is_finite(), factor)?;
+            }
+        }
+    }
+    length("colors", splats.colors.len())?;
+    for (index, color) in splats.colors.iter().enumerate() {
+        finite("colour", index, color.iter().all(|c| c.is_finite()), color)?;
+    }
+    if let Some(normals) = &splats.normals {
+        length("normals", normals.len())?;
+        for (index, normal) in normals.iter().enumerate() {
+            finite("normal", index, normal.is_finite(), normal)?;
+        }
+    }
+    match &splats.strength {
+        Strength::Extinction { masses } => {
+            range("masses", masses, f32::MAX, "a mass is finite and at least 0")
+        }
+        Strength::Opacity { peaks } => range("peaks", peaks, 1.0, "an opacity is from 0 to 1"),
+        Strength::Surface(surface) => {
+            range("areas", &surface.areas, f32::MAX, "an area is finite and at least 0")?;
+            if let Some(opacities) = &surface.opacities {
+                range("opacities", opacities, 1.0, "an opacity is from 0 to 1")?;
+            }
+            let scalar = |what, value: f32, ok, expected| {
+                if ok {
+                    return Ok(());
+                }
+                Err(CloudError::Value { index: 0, what, value: value.to_string(), expected })
+            };
+            let (tolerance, floor) = (surface.depth_tolerance, surface.coverage_floor);
+            scalar(
+                "depth tolerance",
+                tolerance,
+                tolerance >= 0.0 && tolerance.is_finite(),
+                "it must be finite and at least 0",
+            )?;
+            scalar("coverage floor", floor, floor > 0.0 && floor <= 1.0, "it must be above 0 and at most 1")
+        }
+    }
+}
+
+/// The factor F of a flattened splat (Σ = F Fᵀ) with its normal along `normal`, radius `radius` and
+/// thickness `radius / flattening`; `flattening` is from 1 (round) to infinity (a surfel).
+pub fn oblate_factor(normal: Vec3, radius: f32, flattening: f32) -> Mat3 {
+    let normal = normal.try_normalize().unwrap_or(Vec3::Z);
+    let (tangent, _) = normal.any_orthonormal_pair();
+    let bitangent = normal.cross(tangent);
+    Mat3::from_cols(tangent * radius, bitangent * radius, normal * (radius / flattening))
+}
+
+/// The linear part of a transform as it acts on areas of a plane with the given half-axes.
+pub(crate) fn area_scale(linear: DMat3, factor: Mat3) -> f64 {
+    let (a, b) = (factor.x_axis.as_dvec3(), factor.y_axis.as_dvec3());
+    let before = a.cross(b).length();
+    if before > 0.0 { (linear * a).cross(linear * b).length() / before } else { 0.0 }
+}

@@ -1,0 +1,26 @@
+//! The splat engine of oblate: one primitive, one EWA rasterizer, one compositor.
+//!
+//! A *splat* is a Gaussian with a centre, a covariance that may be singular, a strength and a colour.
+//! Round splats are volume kernels, flat ones are surfels, and everything between is allowed: no
+//! formula divides by the thickness. The stages, in the order in which a picture passes through them:
+//!
+//! [`cloud`], [`camera`], [`scene`] say what is drawn and from where; `cull`, `footprint`, `order`,
+//! `bin`, `raster`, `layers`, `composite` and `resolve` draw it into a [`Frame`].
+//!
+//! # Conventions
+//! World space is right-handed; camera space is x right, y down, z forward with the camera at the
+//! origin; the centre of pixel (i, j) is (i + 0.5, j + 0.5) with the origin top left. Colours are
+//! linear Rec. 709, premultiplied in a frame. Depth is z along the view axis.
+
+pub mod camera;
+pub mod cloud;
+pub mod color;
+pub mod frame;
+pub mod observer;
+pub mod scene;
+
+pub use camera::{Camera, CameraError, Intrinsics, Pose, Projection};
+pub use cloud::{Cloud, CloudError, Material, Shapes, Splats, Strength, Surface};
+pub use frame::Frame;
+pub use observer::{Counts, Observer, Stage};
+pub use scene::{Blend, FootprintForm, Light, RenderSettings, Scene};

@@ -1,0 +1,80 @@
+//! How stages report: the library reads no clock, an observer may.
+
+/// The stages of a picture, in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Stage {
+    /// Which splats can be seen.
+    Cull,
+    /// Splats to screen-space records.
+    Footprint,
+    /// Records by distance.
+    Order,
+    /// Records to tiles.
+    Bin,
+    /// A tile's records to fragments and surface samples.
+    Raster,
+    /// Surface samples to cuts.
+    Layers,
+    /// Fragments to runs.
+    Composite,
+    /// Cuts and runs to the frame.
+    Resolve,
+}
+
+impl Stage {
+    /// Every stage, in order.
+    pub const ALL: [Self; 8] = [
+        Self::Cull,
+        Self::Footprint,
+        Self::Order,
+        Self::Bin,
+        Self::Raster,
+        Self::Layers,
+        Self::Composite,
+        Self::Resolve,
+    ];
+
+    /// Its name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cull => "cull",
+            Self::Footprint => "footprint",
+            Self::Order => "order",
+            Self::Bin => "bin",
+            Self::Raster => "raster",
+            Self::Layers => "layers",
+            Self::Composite => "composite",
+            Self::Resolve => "resolve",
+        }
+    }
+
+    /// Whether it runs tile by tile on many threads at once: then `begin` and `end` come in pairs on each
+    /// of those threads. The other stages report once, from the thread that draws.
+    pub fn is_per_tile(self) -> bool {
+        self >= Self::Raster
+    }
+}
+
+/// What a frame took, counted and not timed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Splats in the scene.
+    pub splats: u64,
+    /// Splats whose footprint touches the picture.
+    pub visible: u64,
+    /// Pixels within the cut-off, summed over the visible splats that were rasterized.
+    pub fragments: u64,
+}
+
+/// Told of each stage's begin and end, and of the counts at the end of a frame.
+pub trait Observer: Sync {
+    /// A stage begins on this thread.
+    fn begin(&self, _stage: Stage) {}
+    /// The stage ends on this thread.
+    fn end(&self, _stage: Stage) {}
+    /// The frame is done.
+    fn counts(&self, _counts: Counts) {}
+}
+
+/// Observes nothing.
+impl Observer for () {}

@@ -1,0 +1,70 @@
+//! Triangle meshes as files give them.
+
+use glam::{DAffine3, Vec2, Vec3, Vec4};
+use std::sync::Arc;
+
+/// A mesh of several primitives.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Mesh {
+    /// Its parts, each with its own material and transform.
+    pub primitives: Vec<Primitive>,
+}
+
+/// Triangles with one material.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Primitive {
+    /// Positions in the primitive's space.
+    pub positions: Vec<Vec3>,
+    /// Corners of each triangle, counter-clockwise seen from outside; each below `positions.len()`.
+    pub triangles: Vec<[u32; 3]>,
+    /// A normal for each position (any length), if the file has them.
+    pub normals: Option<Vec<Vec3>>,
+    /// A texture coordinate for each position; (0, 0) is the top left corner of the texture.
+    pub tex_coords: Option<Vec<Vec2>>,
+    /// Linear RGBA for each position, multiplied into the base colour.
+    pub colors: Option<Vec<Vec4>>,
+    /// What the surface looks like.
+    pub material: BaseColor,
+    /// From the primitive's space to the mesh's.
+    pub primitive_to_mesh: DAffine3,
+}
+
+/// Base colour of a primitive.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BaseColor {
+    /// Linear RGBA.
+    pub factor: Vec4,
+    /// Multiplied into the factor.
+    pub texture: Option<Arc<Texture>>,
+}
+
+impl Default for BaseColor {
+    fn default() -> Self {
+        Self { factor: Vec4::ONE, texture: None }
+    }
+}
+
+/// An image on a surface.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Texture {
+    /// Texels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// sRGB-encoded red, green, blue and linear alpha, rows from top to bottom; `width * height` of them.
+    pub texels: Vec<[u8; 4]>,
+    /// What lies outside [0, 1], for u and v.
+    pub wrap: [Wrap; 2],
+}
+
+/// What lies outside a texture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Wrap {
+    /// The texture again.
+    #[default]
+    Repeat,
+    /// The texture again, every other time mirrored.
+    Mirror,
+    /// Its border texels.
+    Clamp,
+}

@@ -1,0 +1,5 @@
+//! Grids to volume kernels and iso-surfels.
+
+pub mod volume;
+
+pub use volume::{GridFrame, Volume, VolumeError, Voxels};
