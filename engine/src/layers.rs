@@ -1,9 +1,12 @@
 //! Stage `layers`: the surface samples of a tile to cuts, at most four a pixel.
 //!
-//! A layer takes a pixel's samples within ε + 3σ_z of its first. Peeling layer by layer over the whole tile
-//! needs no sort: one pass finds each pixel's first sample, one adds what belongs to it and keeps the rest.
-//! Grouping by a depth range is the A-buffer test of Zwicker, Pfister, van Baar, Gross, *Surface splatting*,
-//! 2001.
+//! A sample spans the depths from where it is seen to where its plane passes the pixel; a layer takes a pixel's
+//! samples whose span comes within ε + 3σ_z of its first one's. Spans that meet are one surface: that is the
+//! A-buffer test of Zwicker, Pfister, van Baar, Gross, *Surface splatting*, 2001. Without the plane a tilted
+//! surface whose surfels are smaller than the pixel's filter would fall apart into layers.
+//!
+//! Peeling layer by layer over the whole tile needs no sort: one pass finds each pixel's first sample, one
+//! adds what belongs to it and keeps the rest.
 
 use crate::bin::TILE;
 use crate::cloud::{Cloud, Strength};
@@ -52,6 +55,8 @@ struct Layer {
 #[derive(Clone, Copy)]
 struct First {
     depth: f32,
+    /// The far end of its span.
+    farthest: f32,
     id: u32,
     record: u32,
 }
@@ -95,7 +100,10 @@ impl<'a> LayerBuilder<'a> {
             let last = number + 1 == MAX_LAYERS;
             samples.retain(|sample| !self.add(sample, &mut layers[sample.pixel as usize], last));
             for (pixel, layer) in layers.iter().enumerate() {
-                if let Some(cut) = self.close(layer) {
+                if let Some(mut cut) = self.close(layer) {
+                    // Means of spans that overlap need not be in order; cuts are.
+                    let nearer = cuts.of(pixel).last().map_or(cut.depth, |cut| cut.depth);
+                    cut.depth = cut.depth.max(nearer);
                     transmittance[pixel] *= 1.0 - cut.alpha;
                     cuts.push(pixel, cut);
                 }
@@ -108,7 +116,8 @@ impl<'a> LayerBuilder<'a> {
         let id = self.records.records[sample.record as usize].id;
         let nearer = layer.first.is_none_or(|first| (sample.depth, id) < (first.depth, first.id));
         if nearer {
-            layer.first = Some(First { depth: sample.depth, id, record: sample.record });
+            let farthest = sample.depth + sample.plane_offset.max(0.0);
+            layer.first = Some(First { depth: sample.depth, farthest, id, record: sample.record });
         }
     }
 
@@ -116,7 +125,8 @@ impl<'a> LayerBuilder<'a> {
     fn add(&self, sample: &Sample, layer: &mut Layer, last: bool) -> bool {
         let Some(first) = layer.first else { return false };
         let tolerance = self.depth_tolerances[self.records.records[first.record as usize].cloud as usize];
-        if !last && sample.depth > first.depth + tolerance + 3.0 * sample.sigma_z {
+        let nearest = sample.depth + sample.plane_offset.min(0.0);
+        if !last && nearest > first.farthest + tolerance + 3.0 * sample.sigma_z {
             return false;
         }
         let record = &self.records.records[sample.record as usize];

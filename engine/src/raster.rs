@@ -51,6 +51,9 @@ impl Fragments {
 pub(crate) struct Sample {
     /// z of the densest point.
     pub(crate) depth: f32,
+    /// The surfel's plane at the pixel lies this much deeper. Zero for a surfel that fills the pixel's
+    /// filter; for a smaller one the filter sees it where it is, and its plane somewhere else.
+    pub(crate) plane_offset: f32,
     /// Spread in z.
     pub(crate) sigma_z: f32,
     /// Coverage over the cloud's floor.
@@ -96,11 +99,23 @@ impl Rasterizer<'_> {
     pub(crate) fn samples(&self, index: u32, tile: Tile, out: &mut Vec<Sample>) {
         let record = &self.records.records[index as usize];
         let [slope_x, slope_y] = record.amplitude_slope;
+        let perspective = record.inverse_depth != 0.0;
+        let zeta = if perspective { record.depth } else { 1.0 };
+        let filter_reach = self.cutoff.sqrt() * (self.lens.low_pass / self.lens.focal.min_element()) as f32;
+        let farthest_offset = STEEPEST * filter_reach * zeta.abs();
         self.for_each_hit(index, tile, |pixel, [x, y], hit| {
-            let facing = (record.amplitude + slope_x * x + slope_y * y).abs();
-            let weight = facing * hit.scale * (-0.5 * hit.r).exp();
+            // n·v at the pixel and at the centre, both times one factor.
+            let change = slope_x * x + slope_y * y;
+            let facing = record.amplitude + change;
+            let used = if record.form == Form::Exact { facing } else { record.amplitude };
+            let weight = used.abs() * hit.scale * (-0.5 * hit.r).exp();
             if weight > 0.0 && hit.z > self.near {
-                out.push(Sample { depth: hit.z, sigma_z: hit.sigma_z, weight, record: index, pixel });
+                let rise = -zeta * change / if perspective { facing } else { record.amplitude };
+                let plane_offset = record.depth + rise - hit.z;
+                // Seen exactly edge-on a plane has no depth at the pixel; NaN becomes the near limit.
+                let plane_offset = plane_offset.max(-farthest_offset).min(farthest_offset);
+                let (depth, sigma_z) = (hit.z, hit.sigma_z);
+                out.push(Sample { depth, plane_offset, sigma_z, weight, record: index, pixel });
             }
         });
     }
@@ -128,6 +143,9 @@ impl Rasterizer<'_> {
         self.lens.ray(pixel).length() as f32
     }
 }
+
+/// The steepest slope dz/dx that a surfel's plane is followed along: 88°.
+const STEEPEST: f32 = 30.0;
 
 /// Keeps the optical depth of a kernel of opacity 1 finite; off by less than 1e-6 of a channel.
 const LARGEST_ALPHA: f32 = 1.0 - 1e-6;

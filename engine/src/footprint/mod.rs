@@ -209,7 +209,7 @@ impl<'a> Projector<'a> {
                 let slope = geometric_normal.truncate() / lens.focal * coverage;
                 record.kind = Kind::Surface;
                 record.amplitude = (coverage * geometric_normal.dot(ray)) as f32;
-                record.amplitude_slope = if exact { [slope.x as f32, slope.y as f32] } else { [0.0; 2] };
+                record.amplitude_slope = [slope.x as f32, slope.y as f32];
                 record.color = color;
                 let normal = if normal == DVec3::ZERO { geometric_normal } else { normal };
                 sample = SurfaceSample {

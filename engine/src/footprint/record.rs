@@ -40,7 +40,8 @@ pub struct Record {
     pub inverse_depth: f32,
     /// Amplitude at the centre: optical depth (over |v| in the exact form), opacity, or coverage.
     pub amplitude: f32,
-    /// Change of a surface sample's amplitude a pixel, in the exact form: n·v along the picture.
+    /// Change of a surface sample's coverage a pixel: n·v along the picture. The plane's tilt follows from it;
+    /// the affine form leaves it out of the coverage.
     pub amplitude_slope: [f32; 2],
     /// Shaded colour of a volume kernel; base colour of a surface sample. In the blend space.
     pub color: [f32; 3],
