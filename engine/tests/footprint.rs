@@ -1,5 +1,7 @@
 //! The footprint against brute force: the Gaussian's own quadratic form along the ray, in f64.
 
+#![allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
+
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use oblate_engine::Projection;
 use oblate_engine::footprint::{CameraSplat, Footprint, Form, Hit, Lens, Record};
@@ -174,6 +176,7 @@ proptest! {
         let size = covariance.x_axis.x + covariance.y_axis.y + covariance.z_axis.z;
         prop_assume!(covariance.determinant() > 1e-8 * size.powi(3));
         let (expected, expected_integral) = brute_force(&splat, &lens, footprint.mean + u);
+        prop_assume!(expected.r < 40.0);
         let tolerance = 1e-6 * (1.0 + expected.r);
         for hit in [footprint.affine(u), footprint.exact(u)] {
             within(hit.r, expected.r, tolerance, "r")?;

@@ -1,5 +1,10 @@
 //! Clouds and cameras that several tests draw.
-#![allow(dead_code, unreachable_pub, reason = "a module that several test programs share")]
+#![allow(
+    dead_code,
+    unreachable_pub,
+    clippy::unwrap_used,
+    reason = "a module that several test programs share"
+)]
 
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
 use oblate_engine::cloud::oblate_factor;
