@@ -16,11 +16,15 @@ pub mod camera;
 pub mod cloud;
 pub mod color;
 pub mod frame;
+pub mod metrics;
 pub mod observer;
+pub mod reference;
 pub mod scene;
 
 pub use camera::{Camera, CameraError, Intrinsics, Pose, Projection};
 pub use cloud::{Cloud, CloudError, Material, Shapes, Splats, Strength, Surface};
 pub use frame::Frame;
+pub use metrics::{Metrics, MetricsError, Pixels, compare};
 pub use observer::{Counts, Observer, Stage};
+pub use reference::{ReferenceError, ReferenceKind, reference};
 pub use scene::{Blend, FootprintForm, Light, RenderSettings, Scene};
