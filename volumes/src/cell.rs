@@ -103,6 +103,8 @@ pub(crate) struct Polygon {
     pub(crate) area: f64,
     /// Sum of the vector areas of its triangles in the world; points to values below the iso-value.
     pub(crate) vector_area: DVec3,
+    /// Covariance of its points about the centroid, by area, in squared world units.
+    pub(crate) covariance: DMat3,
 }
 
 /// A cell's eight values, relative to the iso-value, by corner.
@@ -127,15 +129,25 @@ impl Cell {
         }
         let orientation = steps.determinant().signum();
         let (mut area, mut moment, mut vector_area) = (0.0, DVec3::ZERO, DVec3::ZERO);
+        let mut second_moment = DMat3::ZERO;
         for (index, &vertex) in vertices[..edges.len()].iter().enumerate() {
             let following = vertices[(index + 1) % edges.len()];
-            let twice = (steps * (vertex - mean)).cross(steps * (following - mean));
+            let (a, b) = (steps * (vertex - mean), steps * (following - mean));
+            let twice = a.cross(b);
             let part = 0.5 * twice.length();
             area += part;
-            moment += part * (mean + vertex + following) / 3.0;
+            moment += part * (a + b) / 3.0;
             vector_area += 0.5 * orientation * twice;
+            // ∫ x xᵀ over the triangle 0, a, b.
+            second_moment += (outer(a, a) + outer(b, b) + outer(a + b, a + b)) * (part / 12.0);
         }
-        (area > 0.0 && area as f32 > 0.0).then(|| Polygon { centroid: moment / area, area, vector_area })
+        let centroid = moment / area;
+        (area > 0.0 && area as f32 > 0.0).then(|| Polygon {
+            centroid: mean + steps.inverse() * centroid,
+            area,
+            vector_area,
+            covariance: second_moment * area.recip() - outer(centroid, centroid),
+        })
     }
 
     /// The trilinear interpolant and its gradient in cell coordinates.
@@ -200,6 +212,10 @@ impl Cell {
         }
         start + way * t
     }
+}
+
+fn outer(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
 fn corner_position(corner: usize) -> DVec3 {

@@ -17,7 +17,7 @@ mod transfer_text;
 pub mod volume;
 
 pub use histogram::{Classes, Histogram, propose_iso};
-pub use iso::{COVERAGE_FLOOR, IsoError, IsoSettings, SURFEL_SIGMA, iso_surfels};
+pub use iso::{COVERAGE_FLOOR, IsoError, IsoSettings, SURFEL_BLUR, iso_surfels};
 pub use kernels::{KERNEL_SIGMA, KernelSettings, to_kernels};
 pub use phantom::{marschner_lobb, marschner_lobb_at, shepp_logan};
 pub use presets::{PRESETS, Preset, preset};
