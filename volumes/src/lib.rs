@@ -22,7 +22,8 @@ pub use kernels::{KERNEL_SIGMA, KernelSettings, to_kernels};
 pub use phantom::{marschner_lobb, marschner_lobb_at, shepp_logan};
 pub use presets::{PRESETS, Preset, preset};
 pub use transfer::{
-    ColorSpace, ControlPoint, GradientRamp, Optical, StrengthKind, TransferError, TransferFunction,
+    ColorSpace, ControlPoint, GradientRamp, MAX_OPACITY, Optical, StrengthKind, TransferError,
+    TransferFunction,
 };
 pub use transfer_text::TransferTextError;
 pub use volume::{GridFrame, Volume, VolumeError, Voxels};

@@ -105,9 +105,10 @@ fn marschner_lobb_errors_are_bounded_and_converge() {
         assert!(residual <= step * step / 8.0 * 370.0, "{n}: {residual}");
     }
     assert!(at_80[1] >= 3.0 * at_160[1] && at_80[2] >= 3.0 * at_160[2], "{at_80:?} {at_160:?}");
-    // What a grid just above the ripple's frequency can do: a fifth of a step, and normals that still tell the
-    // ripple's sides apart.
-    assert!(at_40[1] <= 0.2 * 2.0 / 39.0 && at_40[2] <= 25.0, "{at_40:?}");
+    // At 40³ a central difference keeps sin(2π·0.48)/(2π·0.48) = 4 % of the slope where the ripple is fastest, so
+    // the normals there are the mean surface's, up to 76° (atan of 0.1·59.2·0.7/0.63) off the ripple's. The
+    // places hold: less than the quarter step by which a grid is off that misses the ripple altogether.
+    assert!(at_40[1] <= 0.25 * 2.0 / 39.0 && at_40[2] <= 50.0, "{at_40:?}");
 }
 
 /// A plane is exact in every frame: places, normals, areas.
@@ -238,16 +239,18 @@ fn any_number_of_threads_gives_the_same_bits() {
 
 #[test]
 fn the_phantom_has_closed_surfaces() {
-    let volume = shepp_logan(48).unwrap();
-    assert_eq!(volume.value([24, 24, 0]), 0.0);
-    // Between ventricles and the lesions at z = −1/4 there is brain, and skull at the side.
-    assert!((volume.value([24, 20, 24]) - 0.2).abs() < 1e-6);
-    assert!(volume.value_range().unwrap()[1] > 0.8);
+    let volume = shepp_logan(96).unwrap();
+    assert_eq!(volume.value([48, 48, 0]), 0.0);
+    // At y = −0.3 in the middle there is brain, at y = −0.9 skull, which is 0.046 thick: two steps.
+    assert!((volume.value([48, 33, 48]) - 0.2).abs() < 1e-6);
+    let [low, high] = volume.value_range().unwrap();
+    assert!(low >= -1e-6 && (0.95..=1.0).contains(&high), "{low} to {high}");
     let iso = propose_iso(&volume).unwrap();
     assert!(surface(&surfels_at(&volume, iso)).closed);
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
     /// Noise: every surfel is within a tenth of a step of its cell, on the interpolant, and faces away from
     /// what is inside; nothing panics.
     #[test]
