@@ -1,5 +1,7 @@
 //! Grids as fields: gradients, samples, histograms, and what is fitted to them.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on stops")]
+
 mod common;
 
 use common::*;

@@ -1,5 +1,7 @@
 //! Iso-surfels of surfaces that are known: places, normals, and the cases in which there is little or nothing.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on stops")]
+
 mod common;
 
 use std::f64::consts::PI;

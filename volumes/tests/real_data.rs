@@ -1,5 +1,7 @@
 //! Scanned volumes, where they are at hand: what is proposed and built for them is what a user would want.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on stops")]
+
 use std::io::Read;
 use std::path::PathBuf;
 

@@ -1,5 +1,7 @@
 //! Transfer functions: interpolation, conversion, text.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on stops")]
+
 use oblate_engine::color::srgb_to_linear;
 use oblate_volumes::{
     ColorSpace, ControlPoint, GradientRamp, Optical, StrengthKind, TransferError, TransferFunction,
