@@ -203,16 +203,16 @@ impl Sampler<'_> {
             Cell([0, 1, 2, 3, 4, 5, 6, 7].map(|c| f64::from(brick.value(Brick::corner(place, c))) - iso));
         for edges in LOOPS[usize::from(inside)].iter() {
             let Some(polygon) = cell.polygon(edges, self.steps) else { continue };
-            let p = cell.onto_surface(polygon.centroid, self.steps);
-            let to_world = |gradient: DVec3| -(self.gradients_to_world * gradient).normalize_or_zero();
+            let p = cell.onto_surface(polygon.centroid, self.gradients_to_world);
+            let facing = |normal: &DVec3| normal.dot(polygon.vector_area) > 0.0;
+            let downhill = |gradient: DVec3| {
+                Some(-(self.gradients_to_world * gradient).normalize_or_zero()).filter(facing)
+            };
             // Interpolated differences can vanish, or point the wrong way, where the field varies from sample
             // to sample; the interpolant's own gradient and the polygon are the safe steps.
-            let candidates = [
-                to_world(interpolated_differences(brick, place, p)),
-                to_world(cell.interpolate(p).1),
-                polygon.vector_area.normalize_or_zero(),
-            ];
-            let normal = candidates.into_iter().find(|n| n.dot(polygon.vector_area) > 0.0);
+            let normal = downhill(interpolated_differences(brick, place, p))
+                .or_else(|| downhill(cell.interpolate(p).1))
+                .or_else(|| polygon.vector_area.try_normalize());
             let Some(normal) = normal else { continue };
             let position = DVec3::from(index.map(|i| i as f64)) + p;
             batch.centers.push((self.steps * position).as_vec3());
@@ -242,14 +242,13 @@ impl Sampler<'_> {
 
 /// The cells that have a corner inside and one outside: bit i of row (k, j).
 fn crossed_cells(brick: &Brick, iso: f32) -> [[u16; SIDE]; SIDE] {
-    let bits = |j, k, side: fn(f32, f32) -> bool| {
-        let row = brick.row(j, k).iter().enumerate();
-        row.fold(0, |bits, (i, &value)| bits | u16::from(side(value, iso)) << i)
-    };
     let mut sides = [[[0; 2]; SIDE + 1]; SIDE + 1];
     for (k, plane) in sides.iter_mut().enumerate() {
         for (j, row) in plane.iter_mut().enumerate() {
-            *row = [bits(j, k, |value, iso| value >= iso), bits(j, k, |value, iso| value < iso)];
+            for (i, &value) in brick.row(j, k).iter().enumerate() {
+                row[0] |= u16::from(value >= iso) << i;
+                row[1] |= u16::from(value < iso) << i;
+            }
         }
     }
     array::from_fn(|k| {

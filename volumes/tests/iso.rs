@@ -253,8 +253,8 @@ fn the_phantom_has_closed_surfaces() {
 
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
-    /// Noise: every surfel is within a tenth of a step of its cell, on the interpolant, and faces away from
-    /// what is inside; nothing panics.
+    /// Noise, with sheets and saddles in its cells: every surfel has an area and a unit normal and lies within a
+    /// tenth of a step of the grid.
     #[test]
     fn noise_keeps_the_promises(values in prop::collection::vec(-1.0_f32..1.0, 64)) {
         let volume = Volume::new([4, 4, 4], Voxels::F32(values), GridFrame::default()).unwrap();
