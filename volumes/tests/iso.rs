@@ -107,10 +107,10 @@ fn marschner_lobb_errors_are_bounded_and_converge() {
         assert!(residual <= step * step / 8.0 * 370.0, "{n}: {residual}");
     }
     assert!(at_80[1] >= 3.0 * at_160[1] && at_80[2] >= 3.0 * at_160[2], "{at_80:?} {at_160:?}");
-    // At 40³ a central difference keeps sin(2π·0.48)/(2π·0.48) = 4 % of the slope where the ripple is fastest, so
-    // the normals there are the mean surface's, up to 76° (atan of 0.1·59.2·0.7/0.63) off the ripple's. The
-    // places hold: less than the quarter step by which a grid is off that misses the ripple altogether.
-    assert!(at_40[1] <= 0.25 * 2.0 / 39.0 && at_40[2] <= 50.0, "{at_40:?}");
+    // At 40³ no bound can be derived that says anything: a central difference keeps sin(2π·0.48)/(2π·0.48) = 4 %
+    // of the slope where the ripple is fastest, so normals there are the mean surface's, up to 84° (atan 5.92/0.63)
+    // off. These two are measured, 0.143 steps and 42.5°, with a fifth to spare: they watch for change.
+    assert!(at_40[1] <= 0.172 * 2.0 / 39.0 && at_40[2] <= 51.0, "{at_40:?}");
 }
 
 /// A plane is exact in every frame: places, normals, areas.
