@@ -146,6 +146,93 @@ fn slab_of_constant_density_obeys_beer_and_lambert() {
     }
 }
 
+/// The emission–absorption integral in the world with densities as they are defined, by the midpoint rule.
+fn summed(
+    splats: &[(DVec3, DMat3, f64, DVec3)],
+    origin: DVec3,
+    direction: DVec3,
+    range: [f64; 2],
+) -> [f64; 4] {
+    const STEPS: usize = 8000;
+    let step = (range[1] - range[0]) / STEPS as f64;
+    let (mut color, mut depth) = (DVec3::ZERO, 0.0);
+    for i in 0..STEPS {
+        let x = origin + direction * (range[0] + step * (i as f64 + 0.5));
+        let (mut extinction, mut source) = (0.0, DVec3::ZERO);
+        for (center, covariance, mass, own) in splats {
+            let (d, inverse) = (x - center, covariance.inverse());
+            let density =
+                mass * (-0.5 * d.dot(inverse * d)).exp() / (TAU.powf(1.5) * covariance.determinant().sqrt());
+            extinction += density;
+            source += density * *own;
+        }
+        let tau = extinction * step * direction.length();
+        color += source * step * direction.length() * (-depth - 0.5 * tau).exp();
+        depth += tau;
+    }
+    [color.x, color.y, color.z, 1.0 - (-depth).exp()]
+}
+
+#[test]
+fn mixture_is_the_integral_summed_in_the_world() {
+    let pose = Pose::look_at(DVec3::new(3.0, -4.0, 5.0), DVec3::new(0.2, 0.1, 0.0), DVec3::Z).unwrap();
+    let placed = DAffine3::from_mat3_translation(
+        DMat3::from_cols_array(&[0.9, 0.2, -0.1, -0.3, 1.1, 0.2, 0.1, 0.3, -0.8]),
+        DVec3::new(0.1, -0.2, 0.3),
+    );
+    let centers: Vec<Vec3> =
+        (0..8).map(|i| Vec3::new((i % 2) as f32, (i / 2 % 2) as f32, (i / 4) as f32) - 0.5).collect();
+    let factors: Vec<Mat3> = (0..8)
+        .map(|i| oblate_factor(Vec3::new(1.0, i as f32 - 4.0, 2.0), 0.6, 1.0 + 0.3 * i as f32))
+        .collect();
+    let colors: Vec<[f32; 3]> =
+        (0..8).map(|i| [i as f32 / 8.0, (i % 3) as f32 / 2.0, (i % 2) as f32]).collect();
+    let masses: Vec<f32> = (0..8).map(|i| 0.5 + 0.5 * i as f32).collect();
+    let strength = Strength::Extinction { masses: masses.clone() };
+    let fog = cloud(centers.clone(), Shapes::Each(factors.clone()), strength, colors.clone());
+    let size = [7, 5];
+    for projection in [Projection::Perspective, Projection::Orthographic] {
+        let focal = DVec2::new(9.0, 12.0) / if projection == Projection::Perspective { 1.0 } else { 7.0 };
+        let intrinsics = Intrinsics { focal, center: DVec2::new(3.0, 2.8) };
+        let near = 6.7;
+        let camera = Camera::from_intrinsics(pose, intrinsics, projection, size).unwrap().with_near(near);
+        let low_pass = 0.3;
+        let frame = draw(vec![fog.clone().transformed(placed)], &camera, &unlit(low_pass));
+
+        let camera_to_world = pose.world_to_camera.inverse();
+        let splats: Vec<_> = (0..8)
+            .map(|i| {
+                let center = placed.transform_point3(centers[i].as_dvec3());
+                let factor = placed.matrix3 * factors[i].as_dmat3();
+                let z = match projection {
+                    Projection::Perspective => pose.world_to_camera.transform_point3(center).z,
+                    Projection::Orthographic => 1.0,
+                };
+                let filter = DMat3::from_diagonal((low_pass * z * z / (focal * focal)).extend(0.0));
+                let rotation = camera_to_world.matrix3;
+                let covariance = factor * factor.transpose() + rotation * filter * rotation.transpose();
+                let mass = f64::from(masses[i]) * placed.matrix3.determinant().abs();
+                (center, covariance, mass, DVec3::from_array(colors[i].map(f64::from)))
+            })
+            .collect();
+        for (at, color) in frame.color.iter().enumerate() {
+            let pixel = DVec2::new((at % 7) as f64 + 0.5, (at / 7) as f64 + 0.5);
+            let on_plane = (pixel - intrinsics.center) / focal;
+            let (origin, direction) = match projection {
+                Projection::Perspective => (DVec3::ZERO, on_plane.extend(1.0)),
+                Projection::Orthographic => (on_plane.extend(0.0), DVec3::Z),
+            };
+            let origin = camera_to_world.transform_point3(origin);
+            let direction = camera_to_world.transform_vector3(direction);
+            let expected = summed(&splats, origin, direction, [near, near + 10.0]);
+            for (value, expected) in color.iter().zip(expected) {
+                // The midpoint rule's own error is (1.2e-3/σ)²/24 of a variation of order 1: 1e-6.
+                close(f64::from(*value), expected, 1e-5);
+            }
+        }
+    }
+}
+
 #[test]
 fn coinciding_kernels_mix_their_colours() {
     let at = Vec3::Z * 3.0;
