@@ -47,7 +47,7 @@ impl Mesh {
         if triangles == 0 {
             return Err(SampleError::Empty);
         }
-        if triangles >= u32::MAX as usize {
+        if triangles > i32::MAX as usize {
             return Err(SampleError::Triangles(triangles));
         }
         self.primitives.iter().enumerate().try_for_each(|(index, primitive)| check(index, primitive))
