@@ -20,8 +20,8 @@ const SEPARATION2: f32 = 0.697;
 /// of area 1/8, 0.94 on 1/16, 0.97 on 1/32.
 const COARSENESS: f32 = 0.9;
 
-/// Steps of Lloyd's relaxation. More than one does not change the range of the summed coverage on planes,
-/// spheres and tori by more than 0.005: what is left comes from how finely points measure areas.
+/// Steps of Lloyd's relaxation. On a plane Σw is within 0.920–1.092 after one, 0.916–1.085 after three and
+/// 0.916–1.078 after five: what is left comes from how finely points measure areas.
 const RELAXATIONS: usize = 1;
 
 /// A surface sample.
