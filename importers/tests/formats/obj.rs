@@ -1,4 +1,4 @@
-use crate::common::{Folder, TEXELS, mesh, png, refused};
+use crate::common::{Folder, TEXELS, mesh, png, refused, tiny_png};
 use glam::{Vec2, Vec3, Vec4};
 use oblate_importers::OpenOptions;
 use oblate_surfels::Wrap;
@@ -70,6 +70,14 @@ fn materials() {
     folder.write("two.mtl", "newmtl skin\n");
     let moved = TWO.replace("my colours.mtl", "sub\\one.mtl two.mtl");
     assert_eq!(folder.mesh("a.obj", moved).primitives.len(), 2);
+    // The same name beside two libraries is two images.
+    let two = "mtllib sub/one.mtl\nmtllib two.mtl\n".to_owned() + &TWO.replace("mtllib my colours.mtl\n", "");
+    folder.write("sub/one.mtl", "newmtl red paint\nmap_Kd a.png\n");
+    folder.write("two.mtl", "newmtl skin\nmap_Kd a.png\n");
+    folder.write("sub/a.png", png());
+    folder.write("a.png", tiny_png());
+    let widths = folder.mesh("a.obj", two).primitives.into_iter().map(|p| p.material.texture.unwrap().width);
+    assert_eq!(widths.collect::<Vec<_>>(), [2, 1]);
 }
 
 #[test]
