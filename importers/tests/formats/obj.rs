@@ -90,6 +90,18 @@ fn what_is_named_must_be_there() {
     refused(folder.open("a.obj", TWO), "a skin.png", &["PNG or JPEG"]);
     folder.write("a skin.png", png());
     folder.refused("a.obj", TWO.replace("usemtl skin", "usemtl fur"), &["line 8", "\"fur\""]);
+    // A library may be named after its materials are used.
+    let late = TWO.replace("mtllib my colours.mtl\n", "") + "mtllib my colours.mtl\n";
+    assert_eq!(folder.mesh("a.obj", late), folder.mesh("a.obj", TWO));
+    // A small image that claims 30000 by 30000 texels is refused for that.
+    let mut bomb = png();
+    bomb[16..24].copy_from_slice(&[0, 0, 0x75, 0x30, 0, 0, 0x75, 0x30]);
+    let mut checksum = flate2::Crc::new();
+    checksum.update(&bomb[12..29]);
+    bomb[29..33].copy_from_slice(&checksum.sum().to_be_bytes());
+    folder.write("a skin.png", bomb);
+    refused(folder.open("a.obj", TWO), "a skin.png", &["imit"]);
+    folder.write("a skin.png", png());
     // Without a library there is the default material.
     let bare = TWO.replace("mtllib my colours.mtl\n", "");
     assert_eq!(folder.primitive("a.obj", &bare).material, Default::default());
