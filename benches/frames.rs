@@ -9,7 +9,8 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use glam::{DVec3, Vec3};
 use oblate::engine::cloud::oblate_factor;
 use oblate::engine::{
-    Blend, Camera, Cloud, Light, Material, Pose, RenderSettings, Scene, Shapes, Splats, Strength, Surface, render,
+    Blend, Camera, Cloud, Light, Material, Pose, RenderSettings, Scene, Shapes, Splats, Strength, Surface,
+    render,
 };
 use oblate::importers::{OpenOptions, Opened, open};
 use oblate::volumes::{IsoSettings, KernelSettings, TransferFunction, Volume, iso_surfels, to_kernels};
@@ -77,7 +78,9 @@ fn torus_and_sphere(count: usize) -> Cloud {
     // Random places leave gaps of several mean distances: discs of the given radius cover them.
     let area = (4.0 * PI * PI * 0.35 + PI) / count as f32;
     Cloud::new(Splats {
-        shapes: Shapes::Each(normals.iter().map(|n| oblate_factor(*n, radius / 2.0, f32::INFINITY)).collect()),
+        shapes: Shapes::Each(
+            normals.iter().map(|n| oblate_factor(*n, radius / 2.0, f32::INFINITY)).collect(),
+        ),
         strength: Strength::Surface(Surface {
             areas: vec![area; count],
             opacities: None,
@@ -96,18 +99,24 @@ fn torus_and_sphere(count: usize) -> Cloud {
 fn frames(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("frame");
     group.sample_size(10);
-    let settings =
-        RenderSettings { blend: Blend::Display, background: [0.0, 0.0, 0.0, 1.0], ..RenderSettings::default() };
+    let settings = RenderSettings {
+        blend: Blend::Display,
+        background: [0.0, 0.0, 0.0, 1.0],
+        ..RenderSettings::default()
+    };
     if let Some(volume) = engine_volume() {
         let camera = camera(DVec3::new(457.5, -285.0, 352.25), DVec3::new(127.5, 127.5, 63.5));
         let transfer: TransferFunction = TRANSFER.parse().expect("the text above is a transfer function");
-        let kernels = to_kernels(&volume, &transfer, &KernelSettings::default()).expect("the volume is finite");
+        let kernels =
+            to_kernels(&volume, &transfer, &KernelSettings::default()).expect("the volume is finite");
         let headlight = Light::Directional { towards: -camera.pose().forward(), color: [1.0; 3] };
         let scene = Scene { clouds: vec![kernels], lights: vec![headlight] };
         group.bench_function("T1 shaded", |b| b.iter(|| render(&scene, &camera, &settings, &())));
         let unshaded = RenderSettings { shade: false, ..settings };
         group.bench_function("T1 unshaded", |b| b.iter(|| render(&scene, &camera, &unshaded, &())));
-        group.bench_function("T2 extract", |b| b.iter(|| iso_surfels(&volume, 100.0, &IsoSettings::default())));
+        group.bench_function("T2 extract", |b| {
+            b.iter(|| iso_surfels(&volume, 100.0, &IsoSettings::default()))
+        });
         let surface = iso_surfels(&volume, 100.0, &IsoSettings::default()).expect("100 is finite");
         let scene = Scene { clouds: vec![surface], lights: Vec::new() };
         group.bench_function("T2 draw", |b| b.iter(|| render(&scene, &camera, &settings, &())));
