@@ -1,5 +1,7 @@
 //! The references against answers that are numbers.
 
+#![allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
+
 use glam::{DAffine3, DMat3, DVec2, DVec3, Mat3, Vec3};
 use oblate_engine::cloud::oblate_factor;
 use oblate_engine::color::{linear_to_srgb, srgb_to_linear};
