@@ -1,5 +1,6 @@
 //! Clouds of splats: structure of arrays, one strength for all splats of a cloud.
 
+use crate::cull::{self, Cluster};
 use glam::{DAffine3, DMat3, Mat3, Vec3};
 use thiserror::Error;
 
@@ -104,6 +105,7 @@ pub struct Splats {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cloud {
     splats: Splats,
+    clusters: Vec<Cluster>,
     cloud_to_world: DAffine3,
 }
 
@@ -144,7 +146,8 @@ impl Cloud {
     /// When arrays differ in length or a number is not finite or outside its documented range.
     pub fn new(splats: Splats) -> Result<Self, CloudError> {
         validate(&splats)?;
-        Ok(Self { splats, cloud_to_world: DAffine3::IDENTITY })
+        let clusters = cull::clusters(&splats);
+        Ok(Self { splats, clusters, cloud_to_world: DAffine3::IDENTITY })
     }
 
     /// The same cloud elsewhere: `outer` is applied after the transform that the cloud already has.
@@ -168,6 +171,10 @@ impl Cloud {
     /// The checked arrays.
     pub fn splats(&self) -> &Splats {
         &self.splats
+    }
+
+    pub(crate) fn clusters(&self) -> &[Cluster] {
+        &self.clusters
     }
 
     /// The transform from cloud space to the world.

@@ -12,15 +12,26 @@
 //! origin; the centre of pixel (i, j) is (i + 0.5, j + 0.5) with the origin top left. Colours are
 //! linear Rec. 709, premultiplied in a frame. Depth is z along the view axis.
 
+mod bin;
 pub mod camera;
 pub mod cloud;
 pub mod color;
+mod composite;
+mod cull;
+pub mod footprint;
 pub mod frame;
+mod layers;
 pub mod observer;
+mod order;
+mod raster;
+pub mod render;
+mod resolve;
 pub mod scene;
+mod shade;
 
 pub use camera::{Camera, CameraError, Intrinsics, Pose, Projection};
 pub use cloud::{Cloud, CloudError, Material, Shapes, Splats, Strength, Surface};
 pub use frame::Frame;
 pub use observer::{Counts, Observer, Stage};
+pub use render::{RenderError, render};
 pub use scene::{Blend, FootprintForm, Light, RenderSettings, Scene};

@@ -1,0 +1,130 @@
+//! Stage `cull`: which ranges of a scene's splats can be seen.
+
+use crate::camera::{Camera, Projection};
+use crate::footprint::{CameraSplat, Lens};
+use crate::scene::{RenderSettings, Scene};
+use glam::{DVec3, DVec4};
+use std::ops::Range;
+
+/// Consecutive splats of one cloud that may be visible.
+#[derive(Clone, Debug)]
+pub(crate) struct VisibleRange {
+    /// The cloud's number in the scene.
+    pub(crate) cloud: usize,
+    /// Splats of that cloud.
+    pub(crate) splats: Range<usize>,
+    /// The scene-wide number of the cloud's first splat.
+    pub(crate) first_id: u32,
+}
+
+/// The planes of a view; a camera-space point p is inside where xyz·p + w ≥ 0.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Frustum {
+    sides: [DVec4; 4],
+    near: f64,
+}
+
+impl Frustum {
+    pub(crate) fn new(camera: &Camera) -> Self {
+        let intrinsics = camera.intrinsics();
+        let [width, height] = camera.size().map(f64::from);
+        let low = -intrinsics.center / intrinsics.focal;
+        let high = (glam::DVec2::new(width, height) - intrinsics.center) / intrinsics.focal;
+        let perspective = camera.projection() == Projection::Perspective;
+        // x ≥ low·z for a pinhole, x ≥ low for parallel rays.
+        let side = |normal: DVec3, bound: f64| {
+            let plane =
+                if perspective { (normal - DVec3::Z * bound).extend(0.0) } else { normal.extend(-bound) };
+            plane / plane.truncate().length()
+        };
+        let sides = [
+            side(DVec3::X, low.x),
+            side(-DVec3::X, -high.x),
+            side(DVec3::Y, low.y),
+            side(-DVec3::Y, -high.y),
+        ];
+        Self { sides, near: camera.near() }
+    }
+
+    fn touches_sphere(&self, center: DVec3, radius: f64) -> bool {
+        center.z + radius > self.near
+            && self.sides.iter().all(|plane| plane.dot(center.extend(1.0)) + radius >= 0.0)
+    }
+
+    /// Whether the ellipsoid r ≤ `cutoff` of a filtered splat reaches into all half-spaces.
+    pub(crate) fn touches_ellipsoid(&self, splat: &CameraSplat, cutoff: f64, lens: &Lens) -> bool {
+        let filter = lens.low_pass * splat.center.z.abs() / lens.focal.min_element();
+        self.sides.iter().all(|plane| {
+            let normal = plane.truncate();
+            let spread = splat.factor.transpose() * normal;
+            let reach = (cutoff * (spread.length_squared() + filter * filter)).sqrt();
+            plane.dot(splat.center.extend(1.0)) + reach >= 0.0
+        })
+    }
+}
+
+/// Clusters whose bounding sphere, grown by the reach of its kernels, touches the frustum.
+pub(crate) fn visible_ranges(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> Vec<VisibleRange> {
+    let frustum = Frustum::new(camera);
+    let mut visible = Vec::new();
+    let mut first_id = 0;
+    for (index, cloud) in scene.clouds.iter().enumerate() {
+        let cloud_to_camera = camera.pose().world_to_camera * cloud.cloud_to_world();
+        // The Frobenius norm bounds how far the transform stretches anything.
+        let stretch = frobenius(cloud_to_camera.matrix3);
+        for cluster in cloud.clusters() {
+            let center = cloud_to_camera.transform_point3(cluster.center.as_dvec3());
+            let radius = stretch * f64::from(cluster.radius);
+            let farthest = match camera.projection() {
+                Projection::Perspective => center.z.abs() + radius,
+                Projection::Orthographic => 1.0,
+            };
+            let filter = settings.low_pass.sqrt() * farthest / camera.intrinsics().focal.min_element();
+            let sigma = (stretch * f64::from(cluster.largest_sigma)).hypot(filter);
+            if frustum.touches_sphere(center, radius + settings.cutoff.sqrt() * sigma) {
+                visible.push(VisibleRange { cloud: index, splats: cluster.splats.clone(), first_id });
+            }
+        }
+        first_id += cloud.len() as u32;
+    }
+    visible
+}
+
+fn frobenius(m: glam::DMat3) -> f64 {
+    (m.x_axis.length_squared() + m.y_axis.length_squared() + m.z_axis.length_squared()).sqrt()
+}
+
+/// Consecutive splats with a bounding sphere, in cloud space.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Cluster {
+    pub(crate) splats: Range<usize>,
+    center: glam::Vec3,
+    radius: f32,
+    largest_sigma: f32,
+}
+
+/// Splats a cluster.
+const CLUSTER_SIZE: usize = 1024;
+
+/// Cuts a cloud into clusters of consecutive splats.
+pub(crate) fn clusters(splats: &crate::cloud::Splats) -> Vec<Cluster> {
+    let count = splats.centers.len();
+    (0..count)
+        .step_by(CLUSTER_SIZE)
+        .map(|start| {
+            let range = start..count.min(start + CLUSTER_SIZE);
+            let centers = &splats.centers[range.clone()];
+            let (mut low, mut high) = (centers[0], centers[0]);
+            for p in centers {
+                (low, high) = (low.min(*p), high.max(*p));
+            }
+            let center = low + (high - low) * 0.5;
+            let radius = centers.iter().map(|p| p.distance(center)).fold(0.0, f32::max);
+            let largest_sigma = range
+                .clone()
+                .map(|i| frobenius(splats.shapes.factor(i).as_dmat3()) as f32)
+                .fold(0.0, f32::max);
+            Cluster { splats: range, center, radius, largest_sigma }
+        })
+        .collect()
+}

@@ -1,0 +1,232 @@
+//! Stage `footprint`: visible splats to screen-space records, each with the cheapest form that its share of
+//! the tolerance allows.
+
+mod ewa;
+mod record;
+
+pub use ewa::{CameraSplat, Footprint, Hit, Lens};
+pub use record::{Form, Kind, Record, RecordHit, Rect};
+
+use crate::camera::{Camera, Projection};
+use crate::cloud::{Cloud, Strength, area_scale};
+use crate::color::linear_to_srgb;
+use crate::cull::{Frustum, VisibleRange};
+use crate::scene::{Blend, FootprintForm, RenderSettings, Scene};
+use crate::shade::Shader;
+use glam::{DAffine3, DMat3, DVec3, Vec3};
+use rayon::prelude::*;
+
+/// Mass outside r ≤ ρ is e^{−ρ/2} of the whole; what is kept is raised to carry it.
+pub(crate) fn cutoff_gain(cutoff: f64) -> f64 {
+    1.0 / (1.0 - (-0.5 * cutoff).exp())
+}
+
+/// What the layers need of a surface record besides its geometry.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct SurfaceSample {
+    /// Unit shading normal in camera space.
+    pub(crate) normal: [f32; 3],
+    /// Opacity of the surface there.
+    pub(crate) opacity: f32,
+}
+
+/// The records of a frame, in the order of their ids; parallel arrays.
+#[derive(Default)]
+pub(crate) struct Records {
+    pub(crate) records: Vec<Record>,
+    pub(crate) rects: Vec<Rect>,
+    /// Sorting keys: what [`crate::order`] compares, as bits of a non-negative f32.
+    pub(crate) depth_keys: Vec<u32>,
+    /// Parallel to `records`; meaningful for surface records.
+    pub(crate) surface_samples: Vec<SurfaceSample>,
+}
+
+impl Records {
+    fn append(&mut self, mut other: Self) {
+        self.records.append(&mut other.records);
+        self.rects.append(&mut other.rects);
+        self.depth_keys.append(&mut other.depth_keys);
+        self.surface_samples.append(&mut other.surface_samples);
+    }
+}
+
+/// Projects the visible ranges of a scene.
+pub(crate) fn project(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &RenderSettings,
+    visible: &[VisibleRange],
+) -> Records {
+    let lens = Lens::new(camera, settings.low_pass);
+    let frustum = Frustum::new(camera);
+    let projectors: Vec<Projector> = scene
+        .clouds
+        .iter()
+        .enumerate()
+        .map(|(index, cloud)| {
+            let shader = Shader::new(scene, camera, cloud.splats().material);
+            Projector::new(cloud, index as u16, shader, View { camera, settings, lens, frustum })
+        })
+        .collect();
+    let parts: Vec<Records> =
+        visible.par_iter().map(|range| projectors[range.cloud].project(range)).collect();
+    let mut all = Records::default();
+    for part in parts {
+        all.append(part);
+    }
+    all
+}
+
+/// What every projector of a frame shares.
+#[derive(Clone, Copy)]
+struct View<'a> {
+    camera: &'a Camera,
+    settings: &'a RenderSettings,
+    lens: Lens,
+    frustum: Frustum,
+}
+
+/// Projects the splats of one cloud.
+struct Projector<'a> {
+    cloud: &'a Cloud,
+    cloud_index: u16,
+    shader: Shader,
+    view: View<'a>,
+    cloud_to_camera: DAffine3,
+    normal_to_camera: DMat3,
+    determinant: f64,
+}
+
+impl<'a> Projector<'a> {
+    fn new(cloud: &'a Cloud, cloud_index: u16, shader: Shader, view: View<'a>) -> Self {
+        let cloud_to_camera = view.camera.pose().world_to_camera * cloud.cloud_to_world();
+        let linear = cloud_to_camera.matrix3;
+        let determinant = linear.determinant().abs();
+        // The cofactor matrix is |M| M⁻ᵀ and exists for every M; the sign keeps normals outside when M mirrors.
+        let cofactor = DMat3::from_cols(
+            linear.y_axis.cross(linear.z_axis),
+            linear.z_axis.cross(linear.x_axis),
+            linear.x_axis.cross(linear.y_axis),
+        );
+        let normal_to_camera = cofactor * linear.determinant().signum();
+        Self { cloud, cloud_index, shader, view, cloud_to_camera, normal_to_camera, determinant }
+    }
+
+    fn project(&self, range: &VisibleRange) -> Records {
+        let mut out = Records::default();
+        for index in range.splats.clone() {
+            if let Some((record, rect, key, sample)) = self.project_splat(index, range.first_id) {
+                out.records.push(record);
+                out.rects.push(rect);
+                out.depth_keys.push(key);
+                out.surface_samples.push(sample);
+            }
+        }
+        out
+    }
+
+    fn project_splat(&self, index: usize, first_id: u32) -> Option<(Record, Rect, u32, SurfaceSample)> {
+        let View { camera, settings, lens, frustum } = &self.view;
+        let splats = self.cloud.splats();
+        let factor_in_cloud = splats.shapes.factor(index);
+        let splat = CameraSplat {
+            center: self.cloud_to_camera.transform_point3(splats.centers[index].as_dvec3()),
+            factor: self.cloud_to_camera.matrix3 * factor_in_cloud.as_dmat3(),
+        };
+        let perspective = lens.projection == Projection::Perspective;
+        let geometric_normal = (self.normal_to_camera * axis_normal(factor_in_cloud)).normalize_or_zero();
+        if let Strength::Surface(surface) = &splats.strength
+            && surface.closed
+        {
+            let ray = if perspective { splat.center } else { DVec3::Z };
+            if geometric_normal.dot(ray) >= 0.0 {
+                return None;
+            }
+        }
+
+        let footprint = Footprint::new(&splat, lens)?;
+        let cutoff = settings.cutoff;
+        if footprint.depth_range(cutoff)[1] <= camera.near() {
+            return None;
+        }
+        let crosses = footprint.crosses_camera_plane(cutoff);
+        let is_extinction = matches!(splats.strength, Strength::Extinction { .. });
+        let exact = perspective
+            && match settings.footprint {
+                FootprintForm::Exact => true,
+                FootprintForm::Affine => crosses,
+                FootprintForm::Auto => {
+                    crosses || footprint.affine_error(is_extinction, lens) > settings.tolerance / 4.0
+                }
+            };
+        // A kernel that crosses the camera plane has no bounded rectangle, but most of those are beside
+        // the frustum.
+        if crosses && !frustum.touches_ellipsoid(&splat, cutoff, lens) {
+            return None;
+        }
+        let [center, half] = footprint.bounds(cutoff, exact);
+        let rect = Rect::around(center, half, camera.size())?;
+
+        let form = if exact { Form::Exact } else { Form::Affine };
+        let mut record = Record::geometry(&footprint, form);
+        record.id = first_id + index as u32;
+        record.cloud = self.cloud_index;
+        let normal = splats.normals.as_ref().map_or(Vec3::ZERO, |normals| normals[index]);
+        let normal = (self.normal_to_camera * normal.as_dvec3()).normalize_or_zero();
+        let color = match settings.blend {
+            Blend::Linear => splats.colors[index],
+            Blend::Display => splats.colors[index].map(linear_to_srgb),
+        };
+        let shaded = |normal: DVec3| {
+            if settings.shade {
+                self.shader.shade(color, normal.as_vec3(), splat.center.as_vec3())
+            } else {
+                color
+            }
+        };
+        let gain = cutoff_gain(cutoff);
+        let ray = footprint.center_ray;
+        let mut sample = SurfaceSample::default();
+        match &splats.strength {
+            Strength::Extinction { masses } => {
+                let mass = f64::from(masses[index]) * self.determinant * gain;
+                let length = if exact { 1.0 } else { ray.length() };
+                record.kind = Kind::Extinction;
+                record.amplitude = (mass * footprint.unit_integral * length) as f32;
+                record.color = shaded(normal);
+            }
+            Strength::Opacity { peaks } => {
+                record.kind = Kind::Opacity;
+                record.amplitude =
+                    (f64::from(peaks[index]) * footprint.filter_attenuation(&splat, lens)) as f32;
+                record.color = shaded(normal);
+            }
+            Strength::Surface(surface) => {
+                let area = f64::from(surface.areas[index])
+                    * area_scale(self.cloud_to_camera.matrix3, factor_in_cloud)
+                    * gain;
+                let coverage = area * footprint.unit_integral / f64::from(surface.coverage_floor);
+                let slope = geometric_normal.truncate() / lens.focal * coverage;
+                record.kind = Kind::Surface;
+                record.amplitude = (coverage * geometric_normal.dot(ray)) as f32;
+                record.amplitude_slope = [slope.x as f32, slope.y as f32];
+                record.color = color;
+                let normal = if normal == DVec3::ZERO { geometric_normal } else { normal };
+                sample = SurfaceSample {
+                    normal: normal.as_vec3().to_array(),
+                    opacity: surface.opacities.as_ref().map_or(1.0, |opacities| opacities[index]),
+                };
+            }
+        }
+        if record.amplitude == 0.0 && record.amplitude_slope == [0.0; 2] {
+            return None;
+        }
+        let distance = if perspective { splat.center.length() } else { splat.center.z - camera.near() };
+        Some((record, rect, (distance.max(0.0) as f32).to_bits(), sample))
+    }
+}
+
+/// e₁ × e₂ of a factor, the direction that it is flattened along.
+fn axis_normal(factor: glam::Mat3) -> DVec3 {
+    factor.x_axis.as_dvec3().cross(factor.y_axis.as_dvec3())
+}

@@ -1,0 +1,140 @@
+//! What the rasterizer keeps of a splat: single precision, one size for all.
+
+use super::ewa::Footprint;
+use glam::DVec2;
+
+/// How a record's amplitude becomes a fragment or a sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Optical depth.
+    Extinction,
+    /// Opacity of a fragment.
+    Opacity,
+    /// Coverage of a surface sample.
+    Surface,
+}
+
+/// The form of a record's footprint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    /// The perspective denominator dropped.
+    Affine,
+    /// Exact perspective.
+    Exact,
+}
+
+/// A projected splat. Offsets u are in pixels from `mean`; see [`Footprint`] for the formulas.
+#[derive(Clone, Copy, Debug)]
+pub struct Record {
+    /// The projected centre in pixels.
+    pub mean: [f32; 2],
+    /// (a, b, c) of q(u) = (a u_x + b u_y)² + (c u_y)².
+    pub conic_root: [f32; 3],
+    /// z of the centre.
+    pub depth: f32,
+    /// dz/du at the centre, in world units a pixel.
+    pub depth_slope: [f32; 2],
+    /// Spread in z along the ray through the centre.
+    pub sigma_z: f32,
+    /// 1/depth, 0 where rays are parallel.
+    pub inverse_depth: f32,
+    /// Amplitude at the centre: optical depth (over |v| in the exact form), opacity, or coverage.
+    pub amplitude: f32,
+    /// Change of a surface sample's coverage a pixel: n·v along the picture. The plane's tilt follows from it;
+    /// the affine form leaves it out of the coverage.
+    pub amplitude_slope: [f32; 2],
+    /// Shaded colour of a volume kernel; base colour of a surface sample. In the blend space.
+    pub color: [f32; 3],
+    /// The splat's number in the scene.
+    pub id: u32,
+    /// Its cloud's number in the scene.
+    pub cloud: u16,
+    /// What the amplitude becomes.
+    pub kind: Kind,
+    /// The form of the footprint.
+    pub form: Form,
+}
+
+/// The pixels of a record: from `min` up to, not including, `max`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Rect {
+    /// First column and row.
+    pub min: [u16; 2],
+    /// One past the last column and row.
+    pub max: [u16; 2],
+}
+
+impl Rect {
+    /// The pixels of a picture whose centres lie within `half` of `center`; `None` if there are none.
+    pub fn around(center: DVec2, half: DVec2, size: [u32; 2]) -> Option<Self> {
+        // Single precision moves a pixel by less than this.
+        const MARGIN: f64 = 0.01;
+        let low = center - half - MARGIN - 0.5;
+        let high = center + half + MARGIN - 0.5;
+        let (mut min, mut max) = ([0; 2], [0; 2]);
+        for axis in 0..2 {
+            let last = f64::from(size[axis]);
+            let (from, to) = (low[axis].ceil().max(0.0), (high[axis].floor() + 1.0).min(last));
+            if from >= to || from.is_nan() || to.is_nan() {
+                return None;
+            }
+            min[axis] = from as u16;
+            // A side of 65,536 pixels loses its last row or column here rather than wrapping to 0.
+            max[axis] = to.min(65_535.0) as u16;
+        }
+        Some(Self { min, max })
+    }
+}
+
+/// One pixel of a record.
+#[derive(Clone, Copy, Debug)]
+pub struct RecordHit {
+    /// Squared Mahalanobis distance.
+    pub r: f32,
+    /// z of the densest point.
+    pub z: f32,
+    /// Spread in z.
+    pub sigma_z: f32,
+    /// 1/√den.
+    pub scale: f32,
+}
+
+impl Record {
+    /// Rounds a footprint; amplitude, colour and names are the caller's.
+    pub fn geometry(footprint: &Footprint, form: Form) -> Self {
+        Self {
+            mean: [footprint.mean.x as f32, footprint.mean.y as f32],
+            conic_root: footprint.conic_root.map(|x| x as f32),
+            depth: footprint.depth as f32,
+            depth_slope: [footprint.depth_slope.x as f32, footprint.depth_slope.y as f32],
+            sigma_z: footprint.sigma_z as f32,
+            inverse_depth: footprint.inverse_depth as f32,
+            amplitude: 0.0,
+            amplitude_slope: [0.0; 2],
+            color: [0.0; 3],
+            id: 0,
+            cloud: 0,
+            kind: Kind::Extinction,
+            form,
+        }
+    }
+
+    /// The footprint at offset (x, y) pixels from `mean`.
+    #[inline(always)]
+    pub fn hit(&self, x: f32, y: f32) -> RecordHit {
+        let [a, b, c] = self.conic_root;
+        let (along, across) = (a * x + b * y, c * y);
+        let q = along * along + across * across;
+        let rise = self.depth_slope[0] * x + self.depth_slope[1] * y;
+        match self.form {
+            Form::Affine => RecordHit { r: q, z: self.depth + rise, sigma_z: self.sigma_z, scale: 1.0 },
+            Form::Exact => {
+                let t = 1.0 - self.inverse_depth * rise;
+                let spread = self.inverse_depth * self.sigma_z;
+                let den = t * t + spread * spread * q;
+                let scale = 1.0 / den.sqrt();
+                RecordHit { r: q / den, z: self.depth * t / den, sigma_z: self.sigma_z * scale, scale }
+            }
+        }
+    }
+}

@@ -1,0 +1,159 @@
+//! Stage `layers`: the surface samples of a tile to cuts, at most four a pixel.
+//!
+//! A sample spans the depths from where it is seen to where its plane passes the pixel; a layer takes a pixel's
+//! samples whose span comes within ε + 3σ_z of its first one's. Spans that meet are one surface: that is the
+//! A-buffer test of Zwicker, Pfister, van Baar, Gross, *Surface splatting*, 2001. Without the plane a tilted
+//! surface whose surfels are smaller than the pixel's filter would fall apart into layers.
+//!
+//! Peeling layer by layer over the whole tile needs no sort: one pass finds each pixel's first sample, one
+//! adds what belongs to it and keeps the rest.
+
+use crate::bin::TILE;
+use crate::cloud::{Cloud, Strength};
+use crate::composite::Cut;
+use crate::footprint::Records;
+use crate::raster::Sample;
+use glam::Vec3;
+
+/// Layers a pixel; the last takes whatever is left.
+pub(crate) const MAX_LAYERS: usize = 4;
+
+/// The cuts of a tile's pixels, near to far.
+pub(crate) struct Cuts {
+    counts: Vec<u8>,
+    cuts: Vec<Cut>,
+}
+
+impl Cuts {
+    pub(crate) fn new() -> Self {
+        Self { counts: vec![0; TILE * TILE], cuts: vec![Cut::default(); TILE * TILE * MAX_LAYERS] }
+    }
+
+    /// The cuts of a pixel.
+    pub(crate) fn of(&self, pixel: usize) -> &[Cut] {
+        &self.cuts[pixel * MAX_LAYERS..][..self.counts[pixel] as usize]
+    }
+
+    fn push(&mut self, pixel: usize, cut: Cut) {
+        self.cuts[pixel * MAX_LAYERS + self.counts[pixel] as usize] = cut;
+        self.counts[pixel] += 1;
+    }
+}
+
+/// Sums over the samples of one layer.
+#[derive(Clone, Copy, Default)]
+struct Layer {
+    first: Option<First>,
+    weight: f32,
+    opacity: f32,
+    depth: f32,
+    normal: Vec3,
+    color: Vec3,
+}
+
+/// The sample that opens a layer.
+#[derive(Clone, Copy)]
+struct First {
+    depth: f32,
+    /// The far end of its span.
+    farthest: f32,
+    id: u32,
+    record: u32,
+}
+
+/// Turns samples into cuts. Behind a transmittance of `spent` nothing is kept.
+pub(crate) struct LayerBuilder<'a> {
+    records: &'a Records,
+    depth_tolerances: Vec<f32>,
+    spent: f32,
+}
+
+impl<'a> LayerBuilder<'a> {
+    pub(crate) fn new(clouds: &[Cloud], records: &'a Records, spent: f32) -> Self {
+        let depth_tolerances = clouds
+            .iter()
+            .map(|cloud| match &cloud.splats().strength {
+                // A scaled cloud scales its radii; the cube root is exact for uniform scales.
+                Strength::Surface(surface) => {
+                    let scale = cloud.cloud_to_world().matrix3.determinant().abs().cbrt();
+                    surface.depth_tolerance * scale as f32
+                }
+                _ => 0.0,
+            })
+            .collect();
+        Self { records, depth_tolerances, spent }
+    }
+
+    /// Consumes the samples, which come in the tile's order, and fills `cuts`.
+    pub(crate) fn build(&self, samples: &mut Vec<Sample>, cuts: &mut Cuts) {
+        cuts.counts.fill(0);
+        let mut transmittance = [1.0_f32; TILE * TILE];
+        let mut layers = [Layer::default(); TILE * TILE];
+        for number in 0..MAX_LAYERS {
+            if samples.is_empty() {
+                return;
+            }
+            layers.fill(Layer::default());
+            for sample in samples.iter() {
+                self.open(sample, &mut layers[sample.pixel as usize]);
+            }
+            let last = number + 1 == MAX_LAYERS;
+            samples.retain(|sample| !self.add(sample, &mut layers[sample.pixel as usize], last));
+            for (pixel, layer) in layers.iter().enumerate() {
+                if let Some(mut cut) = self.close(layer) {
+                    // Means of spans that overlap need not be in order; cuts are.
+                    let nearer = cuts.of(pixel).last().map_or(cut.depth, |cut| cut.depth);
+                    cut.depth = cut.depth.max(nearer);
+                    transmittance[pixel] *= 1.0 - cut.alpha;
+                    cuts.push(pixel, cut);
+                }
+            }
+            samples.retain(|sample| transmittance[sample.pixel as usize] > self.spent);
+        }
+    }
+
+    fn open(&self, sample: &Sample, layer: &mut Layer) {
+        let id = self.records.records[sample.record as usize].id;
+        let nearer = layer.first.is_none_or(|first| (sample.depth, id) < (first.depth, first.id));
+        if nearer {
+            let farthest = sample.depth + sample.plane_offset.max(0.0);
+            layer.first = Some(First { depth: sample.depth, farthest, id, record: sample.record });
+        }
+    }
+
+    /// Adds a sample if it belongs to the layer, and says whether it did.
+    fn add(&self, sample: &Sample, layer: &mut Layer, last: bool) -> bool {
+        let Some(first) = layer.first else { return false };
+        let tolerance = self.depth_tolerances[self.records.records[first.record as usize].cloud as usize];
+        let nearest = sample.depth + sample.plane_offset.min(0.0);
+        if !last && nearest > first.farthest + tolerance + 3.0 * sample.sigma_z {
+            return false;
+        }
+        let record = &self.records.records[sample.record as usize];
+        let surface = &self.records.surface_samples[sample.record as usize];
+        // The two sides of a sheet may differ in orientation; a mean needs one.
+        let mut normal = Vec3::from(surface.normal);
+        if normal.dot(layer.normal) < 0.0 {
+            normal = -normal;
+        }
+        layer.weight += sample.weight;
+        layer.opacity += sample.weight * surface.opacity;
+        layer.depth += sample.weight * (sample.depth - first.depth);
+        layer.normal += normal * sample.weight;
+        layer.color += Vec3::from(record.color) * sample.weight;
+        true
+    }
+
+    fn close(&self, layer: &Layer) -> Option<Cut> {
+        let first = layer.first?;
+        let share = 1.0 / layer.weight;
+        Some(Cut {
+            depth: first.depth + layer.depth * share,
+            alpha: layer.opacity.min(1.0),
+            color: (layer.color * share).to_array(),
+            normal: layer.normal.normalize_or_zero().to_array(),
+            id: first.id,
+            cloud: self.records.records[first.record as usize].cloud,
+        })
+    }
+}

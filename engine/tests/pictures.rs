@@ -1,0 +1,239 @@
+//! Scenes whose picture is a number.
+
+mod scenes;
+
+use glam::{DMat3, DVec3, Vec3};
+use oblate_engine::{Camera, Cloud, FootprintForm, Frame, Pose, RenderSettings, Strength};
+use scenes::*;
+
+/// The pixels of the middle square, half the picture wide.
+fn middle(frame: &Frame) -> impl Iterator<Item = usize> {
+    let (width, height) = (frame.width, frame.height);
+    (height / 4..height * 3 / 4).flat_map(move |y| (width / 4..width * 3 / 4).map(move |x| y * width + x))
+}
+
+fn extremes(values: impl Iterator<Item = f32>) -> [f32; 2] {
+    values.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
+}
+
+#[test]
+fn constant_density_attenuates_exponentially() {
+    // A box of constant extinction, 60 units deep, seen from 4000 units away: all rays are nearly parallel,
+    // the path through a face is L over the cosine. The lattice ripple of σ = 0.7 is 4e^{−2π²σ²} = 0.03 %.
+    let extinction = 0.02;
+    for (spacing, dims) in [(DVec3::ONE, [60, 60, 60]), (DVec3::new(1.0, 1.0, 2.0), [60, 60, 30])] {
+        for yaw in [0.0, 20.0, 45.0, 70.0, 90.0_f64] {
+            let cloud = fog(dims, spacing, extinction, [1.0; 3]);
+            let eye = DMat3::from_rotation_y(yaw.to_radians()) * DVec3::NEG_Z * 4000.0;
+            let pose = Pose::look_at(eye, DVec3::ZERO, DVec3::Y).unwrap();
+            // 24 units from top to bottom: well inside the box's 60, even where the path is shortest.
+            let camera = Camera::perspective(pose, 2.0 * (12.0 / 4000.0_f64).atan(), [48; 2]).unwrap();
+            let frame = draw(vec![cloud], &camera, &unshaded());
+            let (mut worst, mut seen) = (0.0_f64, 0);
+            for (index, pixel) in frame.color.iter().enumerate() {
+                let (x, y) = ((index % 48) as f64 + 0.5, (index / 48) as f64 + 0.5);
+                let [enters, leaves] = path_through_box(&camera, [x, y], 30.0);
+                // Rays that pass within 4σ of an edge of the box see it rounded by the kernels.
+                let near_edge = |p: DVec3| p.abs().cmpgt(DVec3::splat(30.0 - 5.6)).bitmask().count_ones() > 1;
+                if near_edge(enters) || near_edge(leaves) {
+                    continue;
+                }
+                let expected = 1.0 - (-extinction * enters.distance(leaves)).exp();
+                worst = worst.max((f64::from(pixel[3]) / expected - 1.0).abs());
+                seen += 1;
+            }
+            assert!(seen > 500, "only {seen} pixels are far from an edge");
+            println!("spacing {spacing}, yaw {yaw}: {worst}");
+            assert!(worst <= 0.005, "spacing {spacing}, yaw {yaw}: {worst}");
+        }
+    }
+}
+
+/// Where the ray enters and leaves the cube of half side `half` around the origin.
+fn path_through_box(camera: &Camera, [x, y]: [f64; 2], half: f64) -> [DVec3; 2] {
+    let to_camera = camera.pose().world_to_camera;
+    let intrinsics = camera.intrinsics();
+    let in_camera = DVec3::new(
+        (x - intrinsics.center.x) / intrinsics.focal.x,
+        (y - intrinsics.center.y) / intrinsics.focal.y,
+        1.0,
+    );
+    let direction = (to_camera.matrix3.transpose() * in_camera).normalize();
+    let eye = camera.pose().eye();
+    let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
+    for axis in 0..3 {
+        let (a, b) = ((-half - eye[axis]) / direction[axis], (half - eye[axis]) / direction[axis]);
+        near = near.max(a.min(b));
+        far = far.min(a.max(b));
+    }
+    [eye + direction * near, eye + direction * far]
+}
+
+#[test]
+fn a_lattice_of_surfels_covers_evenly_to_87_degrees() {
+    // σ = 0.8 of the spacing ripples by 4e^{−2π²·0.64} = 1.3e-5 an axis; what is left is the cut-off's 0.2 %.
+    // Half-transparent surfels keep coverage from saturating.
+    let side = 400;
+    let mut splats = plane(side, 0.05, [1.0; 3]).splats().clone();
+    if let Strength::Surface(surface) = &mut splats.strength {
+        surface.opacities = Some(vec![0.5; side * side]);
+    }
+    let cloud = Cloud::new(splats).unwrap();
+    for degrees in [0.0, 30.0, 60.0, 75.0, 87.0] {
+        // Surfels from 5 pixels to 1/5 of a pixel apart; the tilted plane is 20 cos θ units high.
+        for pixels_apart in [5.0, 1.0, 0.2] {
+            let height = 32.0 * 0.05 / pixels_apart;
+            if height > 10.0 * f64::to_radians(degrees).cos() {
+                continue;
+            }
+            let pose = camera(60.0, 32).pose();
+            let camera = Camera::orthographic(pose, height, [32; 2]).unwrap();
+            let tilted = cloud.clone().transformed(tilted(degrees, DVec3::ZERO));
+            let frame = draw(vec![tilted], &camera, &unshaded());
+            let [low, high] = extremes(middle(&frame).map(|i| frame.color[i][3] * 2.0 * 0.98));
+            println!("{degrees}°, {pixels_apart} px apart: coverage {low} to {high}");
+            assert!(low >= 0.99 && high <= 1.01, "{degrees}°, {pixels_apart} px: coverage {low} to {high}");
+        }
+    }
+}
+
+#[test]
+fn a_plane_has_its_depth() {
+    for degrees in [0.0, 30.0, 60.0] {
+        let cloud = plane(400, 0.1, [1.0; 3]).transformed(tilted(degrees, DVec3::ZERO));
+        let camera = camera(30.0, 64);
+        for footprint in [FootprintForm::Auto, FootprintForm::Affine, FootprintForm::Exact] {
+            let frame = draw(vec![cloud.clone()], &camera, &RenderSettings { footprint, ..unshaded() });
+            let normal = DMat3::from_rotation_x(degrees.to_radians()) * DVec3::NEG_Z;
+            let mut worst = 0.0_f64;
+            for i in middle(&frame) {
+                let pixel = glam::DVec2::new((i % 64) as f64 + 0.5, (i / 64) as f64 + 0.5);
+                let across = (pixel - camera.intrinsics().center) / camera.intrinsics().focal;
+                let ray = camera.pose().world_to_camera.matrix3.transpose() * across.extend(1.0);
+                let expected = normal.dot(-camera.pose().eye()) / normal.dot(ray);
+                worst = worst.max((f64::from(frame.depth[i]) / expected - 1.0).abs());
+                assert!(frame.color[i][3] == 1.0);
+                let seen = DVec3::from(frame.normal[i].map(f64::from));
+                assert!(seen.dot(normal) > 0.999_99, "normal {seen}");
+            }
+            println!("{degrees}°, {footprint:?}: {worst}");
+            assert!(worst <= 1e-4, "{degrees}°, {footprint:?}: depth off by {worst}");
+        }
+    }
+}
+
+#[test]
+fn a_closed_sphere_has_no_hole() {
+    // 26 directions, zoom ¼ to 4 around one surfel a pixel.
+    let cloud = sphere(20_000, 1.0, [1.0; 3]);
+    for direction in directions() {
+        for zoom in [0.25, 0.5, 1.0, 2.0, 4.0] {
+            let size = (80.0 * zoom) as u32;
+            let camera = looking_from(direction * 5.0, size);
+            let frame = draw(vec![cloud.clone()], &camera, &unshaded());
+            // Inside the outline by two pixels and three surfel radii.
+            let outline = (1.0 / 5.0_f64).asin().tan() * camera.intrinsics().focal.x;
+            let inside = outline * (1.0 - 3.0 * 0.8 * 0.025) - 2.0;
+            for (i, pixel) in frame.color.iter().enumerate() {
+                let place =
+                    glam::DVec2::new((i % size as usize) as f64 + 0.5, (i / size as usize) as f64 + 0.5);
+                if place.distance(camera.intrinsics().center) < inside {
+                    assert!(pixel[3] >= 0.999, "{direction}, zoom {zoom}: alpha {} at {place}", pixel[3]);
+                }
+            }
+        }
+    }
+}
+
+fn directions() -> Vec<DVec3> {
+    let steps = [-1.0, 0.0, 1.0];
+    let all = steps.iter().flat_map(|x| steps.iter().flat_map(|y| steps.map(|z| DVec3::new(*x, *y, z))));
+    all.filter(|d| *d != DVec3::ZERO).map(DVec3::normalize).collect()
+}
+
+#[test]
+fn an_edge_before_a_body_shows_no_fringe() {
+    // A bright half-plane before a bright wall: however much of a pixel the edge covers, it is white.
+    let front = plane(60, 0.1, [1.0; 3]).transformed(tilted(0.0, DVec3::new(3.0, 0.0, -2.0)));
+    let wall = plane(200, 0.1, [1.0; 3]).transformed(tilted(0.0, DVec3::new(0.0, 0.0, 2.0)));
+    let frame = draw(vec![front, wall], &camera(12.0, 64), &unshaded());
+    for i in middle(&frame) {
+        assert!(frame.color[i].iter().all(|c| (c - 1.0).abs() < 1e-3), "{:?} at {i}", frame.color[i]);
+    }
+    // And the depth jumps between the two without a value between them.
+    for i in middle(&frame) {
+        let depth = frame.depth[i];
+        assert!((depth - 10.0).abs() < 0.05 || (depth - 14.0).abs() < 0.05, "depth {depth} at {i}");
+    }
+}
+
+#[test]
+fn a_plane_hides_what_is_behind_it_and_half_of_what_it_cuts() {
+    let kernel = kernels(vec![Vec3::ZERO], glam::Mat3::from_diagonal(Vec3::splat(1.0)), 4.0, [0.0, 1.0, 0.0]);
+    let camera = camera(50.0, 32);
+    // A ray through the middle of a kernel of mass m has τ = m/(2πσ²), σ² with the filter's share and the
+    // cut-off's gain.
+    let filtered = 1.0 + 0.3 * camera.pixel_width_at(50.0).powi(2);
+    let gain = 1.0 / (1.0 - (-0.5 * 12.25_f64).exp());
+    let whole = 4.0 * gain / (std::f64::consts::TAU * filtered);
+    for (shift, share) in [(4.5, 1.0), (0.0, 0.5), (1.0, 0.841_345), (-4.5, 0.0)] {
+        let wall = plane(400, 0.1, [1.0, 0.0, 0.0]).transformed(tilted(0.0, DVec3::new(0.0, 0.0, shift)));
+        let frame = draw(vec![wall, kernel.clone()], &camera, &unshaded());
+        // The four pixels around the centre, a half pixel off in x and y.
+        let off = camera.pixel_width_at(50.0).powi(2) * 0.5 / filtered;
+        let expected = 1.0 - (-whole * (-0.5 * off).exp() * share).exp();
+        let pixel = frame.color[16 * 32 + 16];
+        assert!((f64::from(pixel[1]) - expected).abs() < 1e-3, "wall at {shift}: {pixel:?}, not {expected}");
+        assert!((pixel[0] + pixel[1] - 1.0).abs() < 1e-3, "{pixel:?}");
+    }
+}
+
+#[test]
+fn threads_change_no_bit() {
+    let clouds = vec![
+        fog([20, 20, 20], DVec3::splat(0.1), 1.0, [0.2, 0.5, 0.9]),
+        sphere(5000, 0.7, [0.9, 0.3, 0.1]),
+        plane(50, 0.05, [0.8; 3]).transformed(tilted(40.0, DVec3::ZERO)),
+    ];
+    let view = looking_from(DVec3::new(2.0, 1.5, -4.0), 100);
+    let frames: Vec<Frame> = [1, 2, 5]
+        .into_iter()
+        .map(|threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| draw(clouds.clone(), &view, &RenderSettings::default()))
+        })
+        .collect();
+    assert!(frames[0].color.iter().any(|pixel| pixel[3] > 0.5));
+    assert!(frames.iter().all(|frame| bits(frame) == bits(&frames[0])));
+}
+
+fn bits(frame: &Frame) -> Vec<u32> {
+    let channels = frame.color.iter().flatten().chain(&frame.depth).chain(&frame.expected_depth);
+    let numbers = channels.chain(frame.normal.iter().flatten()).map(|c| c.to_bits());
+    numbers.chain(frame.id.iter().copied()).collect()
+}
+
+#[test]
+fn a_camera_inside_a_fog_neither_flashes_nor_loses_it() {
+    // Inside a constant fog with a wall at distance L the wall shows through with e^{−κL}, wherever the
+    // camera stands between the kernels.
+    let extinction = 0.2;
+    for step in 0..8 {
+        let shift = f64::from(step) * 0.125;
+        let fog = fog([30, 30, 60], DVec3::ONE, extinction, [0.0; 3]);
+        let wall = plane(120, 0.25, [1.0; 3]).transformed(tilted(0.0, DVec3::new(0.0, 0.0, 6.0)));
+        let eye = DVec3::new(0.3, -0.2, -3.0 + shift);
+        let pose = Pose::look_at(eye, eye + DVec3::Z, DVec3::Y).unwrap();
+        let camera = Camera::perspective(pose, 0.6, [24; 2]).unwrap();
+        let frame = draw(vec![fog, wall], &camera, &unshaded());
+        let mut worst = 0.0_f64;
+        for (i, pixel) in frame.color.iter().enumerate() {
+            let place = glam::DVec2::new((i % 24) as f64 + 0.5, (i / 24) as f64 + 0.5);
+            let ray = ((place - camera.intrinsics().center) / camera.intrinsics().focal).extend(1.0);
+            let expected = (-extinction * (9.0 - shift) * ray.length()).exp();
+            worst = worst.max((f64::from(pixel[0]) - expected).abs());
+        }
+        println!("shift {shift}: {worst}");
+        assert!(worst < 0.005, "shift {shift}: {worst}");
+    }
+}
