@@ -1,5 +1,28 @@
 //! Grids to volume kernels and iso-surfels.
+//!
+//! A [`Volume`] becomes splats in two ways, and both can be drawn together: [`to_kernels`] turns each sample
+//! that a [`TransferFunction`] makes visible into an extinction kernel; [`iso_surfels`] samples the surface at
+//! a value. [`PRESETS`] and [`propose_iso`] look at the volume's [`Histogram`] when the user says nothing.
 
+mod brick;
+mod cell;
+mod field;
+pub mod histogram;
+pub mod iso;
+pub mod kernels;
+pub mod phantom;
+pub mod presets;
+pub mod transfer;
+mod transfer_text;
 pub mod volume;
 
+pub use histogram::{Classes, Histogram, propose_iso};
+pub use iso::{COVERAGE_FLOOR, IsoError, IsoSettings, SURFEL_SIGMA, iso_surfels};
+pub use kernels::{KERNEL_SIGMA, KernelSettings, to_kernels};
+pub use phantom::{marschner_lobb, marschner_lobb_at, shepp_logan};
+pub use presets::{PRESETS, Preset, preset};
+pub use transfer::{
+    ColorSpace, ControlPoint, GradientRamp, Optical, StrengthKind, TransferError, TransferFunction,
+};
+pub use transfer_text::TransferTextError;
 pub use volume::{GridFrame, Volume, VolumeError, Voxels};

@@ -1,0 +1,115 @@
+//! A grid as a field: its value range, its values between samples, its gradients.
+
+use glam::{DMat3, DVec3, Vec3};
+use rayon::prelude::*;
+
+use crate::volume::{Volume, Voxels};
+
+/// The difference per sample step at `here` from its two neighbours along one axis: central where both are
+/// finite, one-sided where one is, 0 where none is. Samples outside the grid count as not finite.
+#[inline]
+pub(crate) fn difference(before: f32, here: f32, after: f32) -> f32 {
+    let central = 0.5 * (after - before);
+    if central.is_finite() {
+        return central;
+    }
+    let (forward, backward) = (after - here, here - before);
+    if forward.is_finite() {
+        forward
+    } else if backward.is_finite() {
+        backward
+    } else {
+        0.0
+    }
+}
+
+impl Volume {
+    /// The linear part of [`Volume::index_to_world`]: its columns are the steps from sample to sample.
+    pub fn steps(&self) -> DMat3 {
+        self.index_to_world().matrix3
+    }
+
+    /// The world volume that each sample stands for: |det| of the steps.
+    pub fn voxel_volume(&self) -> f64 {
+        self.steps().determinant().abs()
+    }
+
+    /// Takes gradients from index space to the world: the inverse transpose of the steps, right for any
+    /// spacing and for directions that are not orthogonal.
+    pub fn gradients_to_world(&self) -> DMat3 {
+        self.steps().inverse().transpose()
+    }
+
+    /// Smallest and largest finite value; `None` if there is none.
+    pub fn value_range(&self) -> Option<[f32; 2]> {
+        fn range<T: Copy + Into<f32> + Sync>(samples: &[T]) -> [f32; 2] {
+            let none = [f32::INFINITY, f32::NEG_INFINITY];
+            let fold = |[low, high]: [f32; 2], sample: &T| {
+                let value: f32 = (*sample).into();
+                if value.is_finite() { [low.min(value), high.max(value)] } else { [low, high] }
+            };
+            samples
+                .par_chunks(1 << 16)
+                .map(|chunk| chunk.iter().fold(none, fold))
+                .reduce(|| none, |a, b| [a[0].min(b[0]), a[1].max(b[1])])
+        }
+        let [low, high] = match self.voxels() {
+            Voxels::U8(v) => range(v),
+            Voxels::U16(v) => range(v),
+            Voxels::I16(v) => range(v),
+            Voxels::F32(v) => range(v),
+        };
+        (low <= high).then_some([low, high])
+    }
+
+    /// The trilinear interpolant at `index`, in sample indices (sample (0, 0, 0) is at the origin of index
+    /// space; [`Volume::index_to_world`] inverted takes world points there).
+    ///
+    /// `None` outside the grid, and where a sample that takes part is not finite.
+    pub fn sample(&self, index: DVec3) -> Option<f32> {
+        let (mut low, mut fraction) = ([0; 3], [0.0; 3]);
+        for axis in 0..3 {
+            let last = self.dims()[axis] - 1;
+            if !(index[axis] >= 0.0 && index[axis] <= last as f64) {
+                return None;
+            }
+            low[axis] = (index[axis] as usize).min(last.saturating_sub(1));
+            fraction[axis] = index[axis] - low[axis] as f64;
+        }
+        let mut sum = 0.0;
+        for corner in 0..8 {
+            let mut at = low;
+            let mut weight = 1.0;
+            for axis in 0..3 {
+                let upper = corner >> axis & 1;
+                at[axis] += upper;
+                weight *= if upper == 1 { fraction[axis] } else { 1.0 - fraction[axis] };
+            }
+            if weight > 0.0 {
+                sum += weight * f64::from(self.value(at));
+            }
+        }
+        sum.is_finite().then_some(sum as f32)
+    }
+
+    /// The gradient at sample (i, j, k) in value per world unit, along the world's axes.
+    ///
+    /// Central differences inside, one-sided at borders and beside values that are not finite; exact for
+    /// linear fields. An axis without a usable neighbour contributes 0.
+    pub fn gradient(&self, index: [usize; 3]) -> Vec3 {
+        let here = self.value(index);
+        let mut differences = DVec3::ZERO;
+        for axis in 0..3 {
+            let neighbour = |offset: isize| match index[axis].checked_add_signed(offset) {
+                Some(moved) if moved < self.dims()[axis] => {
+                    let mut at = index;
+                    at[axis] = moved;
+                    self.value(at)
+                }
+                _ => f32::NAN,
+            };
+            differences[axis] = f64::from(difference(neighbour(-1), here, neighbour(1)));
+        }
+        (self.gradients_to_world() * differences).as_vec3()
+    }
+}
