@@ -1,0 +1,92 @@
+//! Colour and shading normal at a point of the surface.
+
+use crate::facets::{Facet, Facets, Part};
+use crate::mesh::Texture;
+use crate::points::Points;
+use crate::texture::Pyramid;
+use glam::{Vec2, Vec3, Vec4};
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// What points of a mesh look like.
+pub(crate) struct Appearance<'a> {
+    facets: &'a Facets<'a>,
+    /// Of each part.
+    textures: Vec<Option<&'a Pyramid<'a>>>,
+}
+
+/// The textures of a mesh, each once, ready to be sampled.
+pub(crate) struct Textures<'a>(HashMap<*const Texture, Pyramid<'a>>);
+
+impl<'a> Textures<'a> {
+    pub(crate) fn new(facets: &'a Facets) -> Self {
+        let mut pyramids = HashMap::new();
+        for texture in facets.parts.iter().filter_map(texture) {
+            pyramids.entry(Arc::as_ptr(texture)).or_insert_with(|| Pyramid::new(texture));
+        }
+        Self(pyramids)
+    }
+}
+
+/// The texture of a part that has coordinates for one.
+fn texture<'a>(part: &Part<'a>) -> Option<&'a Arc<Texture>> {
+    part.primitive.tex_coords.as_ref().and(part.primitive.material.texture.as_ref())
+}
+
+impl<'a> Appearance<'a> {
+    pub(crate) fn new(facets: &'a Facets<'a>, textures: &'a Textures<'a>) -> Self {
+        let find = |part| texture(part).and_then(|texture| textures.0.get(&Arc::as_ptr(texture)));
+        Self { facets, textures: facets.parts.iter().map(find).collect() }
+    }
+
+    /// Linear premultiplied colour and unit shading normal at a point, the colour over the point's extent.
+    pub(crate) fn at(&self, points: &Points, point: usize) -> (Vec4, Vec3) {
+        let facet = &self.facets.facets[points.facets[point] as usize];
+        let part = &self.facets.parts[facet.part as usize];
+        let pyramid = self.textures[facet.part as usize];
+        let primitive = part.primitive;
+        let mut color = premultiplied(primitive.material.factor);
+        if pyramid.is_none() && primitive.colors.is_none() && part.normals.is_none() {
+            return (color, facet.normal);
+        }
+        let vertices = part.vertices(facet.triangle);
+        let shares = self.barycentric(facet, points.positions[point]);
+        if let Some(colors) = &primitive.colors {
+            color *= premultiplied(mix(vertices.map(|v| colors[v]), shares));
+        }
+        if let (Some(pyramid), Some(coords)) = (pyramid, &primitive.tex_coords) {
+            let coords = vertices.map(|v| coords[v]);
+            let share_of_facet = points.normal_and_area(point).1 / facet.area;
+            let at = coords[0] * shares.x + coords[1] * shares.y + coords[2] * shares.z;
+            color *= pyramid.sample(at, texels(coords, pyramid.size()) * share_of_facet);
+        }
+        let smooth = part.normals.as_ref().map_or(Vec3::ZERO, |normals| {
+            let [a, b, c] = vertices.map(|v| normals[v]);
+            (a * shares.x + b * shares.y + c * shares.z).normalize_or_zero()
+        });
+        (color, if smooth == Vec3::ZERO { facet.normal } else { smooth })
+    }
+
+    fn barycentric(&self, facet: &Facet, at: Vec3) -> Vec3 {
+        let [a, b, c] = self.facets.corners(facet);
+        let double = 2.0 * facet.area;
+        let share = |from: Vec3, to: Vec3| ((from - at).cross(to - at).dot(facet.normal) / double).max(0.0);
+        let shares = Vec3::new(share(b, c), share(c, a), share(a, b));
+        let sum = shares.element_sum();
+        if sum > 0.0 { shares / sum } else { Vec3::splat(1.0 / 3.0) }
+    }
+}
+
+fn premultiplied(color: Vec4) -> Vec4 {
+    let alpha = color.w.clamp(0.0, 1.0);
+    (color.truncate() * alpha).extend(alpha)
+}
+
+fn mix(of_vertices: [Vec4; 3], shares: Vec3) -> Vec4 {
+    of_vertices[0] * shares.x + of_vertices[1] * shares.y + of_vertices[2] * shares.z
+}
+
+/// The area of a triangle in squared texels.
+fn texels([a, b, c]: [Vec2; 3], size: Vec2) -> f32 {
+    ((b - a) * size).perp_dot((c - a) * size).abs() / 2.0
+}

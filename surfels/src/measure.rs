@@ -1,0 +1,103 @@
+//! What a mesh measures, and whether it can be sampled.
+
+use crate::error::SampleError;
+use crate::mesh::{Mesh, Primitive};
+use glam::DVec3;
+use rayon::prelude::*;
+
+impl Mesh {
+    /// Its area in squared mesh units: the sum over all triangles, as each primitive's transform places
+    /// them. Triangles that name missing vertices count nothing.
+    pub fn area(&self) -> f64 {
+        let double = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a).length();
+        let corners = self.primitives.iter().flat_map(placed_triangles);
+        corners.map(double).sum::<f64>() / 2.0
+    }
+
+    /// The smallest and largest corner of all triangles in mesh space; `None` without triangles.
+    pub fn bounds(&self) -> Option<[DVec3; 2]> {
+        let corners = self.primitives.iter().flat_map(placed_triangles).flatten();
+        corners.map(|p| [p, p]).reduce(|[low, high], [p, _]| [low.min(p), high.max(p)])
+    }
+
+    /// Whether the surface is closed: every edge belongs to exactly two triangles that run along it in
+    /// opposite directions. Vertices at exactly one place count as one, whatever primitive they are of.
+    pub fn is_closed(&self) -> bool {
+        let bits = |p: DVec3| (p + DVec3::ZERO).to_array().map(f64::to_bits); // −0 is 0
+        let mut places: Vec<[[u64; 3]; 3]> =
+            self.primitives.iter().flat_map(placed_triangles).map(|corners| corners.map(bits)).collect();
+        let mut known: Vec<[u64; 3]> = places.iter().flatten().copied().collect();
+        known.par_sort_unstable();
+        known.dedup();
+        let weld = |place: &[u64; 3]| known.binary_search(place).unwrap_or(usize::MAX);
+        let mut edges: Vec<(usize, usize)> = places
+            .par_drain(..)
+            .map(|corners| [weld(&corners[0]), weld(&corners[1]), weld(&corners[2])])
+            .filter(|[a, b, c]| a != b && b != c && c != a)
+            .flat_map_iter(|[a, b, c]| [(a, b), (b, c), (c, a)])
+            .collect();
+        edges.par_sort_unstable();
+        let once = edges.windows(2).all(|pair| pair[0] != pair[1]);
+        once && !edges.is_empty() && edges.par_iter().all(|&(a, b)| edges.binary_search(&(b, a)).is_ok())
+    }
+
+    /// Checks every number that sampling reads.
+    pub(crate) fn check(&self) -> Result<(), SampleError> {
+        let triangles: usize = self.primitives.iter().map(|p| p.triangles.len()).sum();
+        if triangles == 0 {
+            return Err(SampleError::Empty);
+        }
+        if triangles >= u32::MAX as usize {
+            return Err(SampleError::Triangles(triangles));
+        }
+        self.primitives.iter().enumerate().try_for_each(|(index, primitive)| check(index, primitive))
+    }
+}
+
+/// Each triangle's corners in mesh space.
+fn placed_triangles(primitive: &Primitive) -> impl Iterator<Item = [DVec3; 3]> + '_ {
+    let place = |index: u32| {
+        let position = primitive.positions.get(index as usize)?;
+        Some(primitive.primitive_to_mesh.transform_point3(position.as_dvec3()))
+    };
+    primitive.triangles.iter().filter_map(move |&[a, b, c]| Some([place(a)?, place(b)?, place(c)?]))
+}
+
+fn check(primitive: usize, part: &Primitive) -> Result<(), SampleError> {
+    let positions = part.positions.len();
+    let finite = |what, bad: Option<usize>| {
+        bad.map_or(Ok(()), |index| Err(SampleError::NotFinite { primitive, what, index }))
+    };
+    let length = |array, found: usize| {
+        if found == positions {
+            return Ok(());
+        }
+        Err(SampleError::Length { primitive, array, found, positions })
+    };
+    for (triangle, corners) in part.triangles.iter().enumerate() {
+        if let Some(&index) = corners.iter().find(|&&index| index as usize >= positions) {
+            return Err(SampleError::Index { primitive, triangle, index, positions });
+        }
+    }
+    finite("position", part.positions.iter().position(|p| !p.is_finite()))?;
+    finite("transform", (!part.primitive_to_mesh.is_finite()).then_some(0))?;
+    finite("base colour factor", (!part.material.factor.is_finite()).then_some(0))?;
+    if let Some(normals) = &part.normals {
+        length("normals", normals.len())?;
+    }
+    if let Some(tex_coords) = &part.tex_coords {
+        length("texture coordinates", tex_coords.len())?;
+        finite("texture coordinate", tex_coords.iter().position(|t| !t.is_finite()))?;
+    }
+    if let Some(colors) = &part.colors {
+        length("colours", colors.len())?;
+        finite("colour", colors.iter().position(|c| !c.is_finite()))?;
+    }
+    if let Some(texture) = &part.material.texture {
+        let (width, height, found) = (texture.width, texture.height, texture.texels.len());
+        if found == 0 || width.checked_mul(height) != Some(found) {
+            return Err(SampleError::Texture { primitive, width, height, found });
+        }
+    }
+    Ok(())
+}

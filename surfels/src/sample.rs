@@ -1,0 +1,178 @@
+//! From meshes to clouds of surfels.
+
+use crate::appearance::{Appearance, Textures};
+use crate::error::SampleError;
+use crate::facets::Facets;
+use crate::grid::LONGEST_EXTENT;
+use crate::mesh::Mesh;
+use crate::points::{LEAF_VARIANCE, Points};
+use crate::relax::{Voronoi, relax, scatter};
+use glam::{DAffine3, DMat2, DVec2, DVec3, Mat3, Vec3, Vec4};
+use oblate_engine::Cloud;
+use oblate_engine::cloud::{Material, Shapes, Splats, Strength, Surface};
+use rayon::prelude::*;
+
+/// How many surfels a mesh gets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Density {
+    /// The distance between neighbours in mesh units, above 0: the square root of the area that a surfel
+    /// stands for.
+    Spacing(f64),
+    /// About this many, above 0: within a few per cent where the surface is smooth, more where parts or
+    /// faces are smaller than a surfel, since each gets one of its own.
+    Count(usize),
+}
+
+/// What else there is to say about surfels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SamplerSettings {
+    /// Never more surfels than this, at least 1; the spacing grows instead. Default 4 million.
+    pub max_surfels: usize,
+    /// How the surface answers light.
+    pub material: Material,
+}
+
+impl Default for SamplerSettings {
+    fn default() -> Self {
+        Self { max_surfels: 4_000_000, material: Material::default() }
+    }
+}
+
+/// The standard deviation of a surfel's kernel as a share of the spacing.
+pub const KERNEL_SIGMA: f32 = 0.8;
+
+/// The floor w₀ of the summed coverage that [`sample`] keeps three radii away from borders and creases.
+pub const COVERAGE_FLOOR: f32 = 0.85;
+
+/// Spreads surfels evenly over a mesh.
+pub fn sample(mesh: &Mesh, density: Density, settings: &SamplerSettings) -> Result<Cloud, SampleError> {
+    mesh.check()?;
+    let area = mesh.area();
+    let [low, high] = mesh.bounds().ok_or(SampleError::Empty)?;
+    if area <= 0.0 {
+        return Err(SampleError::NoArea);
+    }
+    let max = settings.max_surfels.max(1);
+    let wanted = match density {
+        Density::Spacing(value) if value > 0.0 && value.is_finite() => value,
+        Density::Spacing(value) => return Err(SampleError::Density { what: "spacing", value }),
+        Density::Count(0) => return Err(SampleError::Density { what: "number of surfels", value: 0.0 }),
+        Density::Count(count) => (area / count as f64).sqrt(),
+    };
+    let least = (area / (0.97 * max as f64)).sqrt().max((high - low).max_element() / LONGEST_EXTENT);
+    let mut spacing = wanted.max(least);
+    let middle = (low + high) / 2.0;
+    loop {
+        let facets = Facets::new(mesh, middle, spacing);
+        if facets.facets.is_empty() {
+            return Err(SampleError::NoArea);
+        }
+        let counts: Vec<usize> = facets.facets.par_iter().map(|f| Points::count(&facets, f)).collect();
+        let points = Points::new(&facets, &counts);
+        let chosen = scatter(&points);
+        if chosen.len() > max {
+            spacing *= 1.01 * (chosen.len() as f64 / max as f64).sqrt();
+            continue;
+        }
+        let cells = relax(&points, &chosen);
+        let textures = Textures::new(&facets);
+        let look = Appearance::new(&facets, &textures);
+        let surfels: Vec<Surfel> = (0..cells.samples.len())
+            .into_par_iter()
+            .filter_map(|i| Surfel::new(&points, &cells, &look, i))
+            .collect();
+        let splats = splats(&surfels, spacing, mesh.is_closed(), settings);
+        return Ok(Cloud::new(splats)?.transformed(DAffine3::from_translation(middle)));
+    }
+}
+
+/// A surfel in units of the spacing.
+struct Surfel {
+    center: Vec3,
+    /// Half-axes of its kernel.
+    axes: [Vec3; 2],
+    area: f32,
+    normal: Vec3,
+    /// Linear, premultiplied.
+    color: Vec4,
+}
+
+impl Surfel {
+    fn new(points: &Points, cells: &Voronoi, look: &Appearance, index: usize) -> Option<Self> {
+        let sample = &cells.samples[index];
+        let (tangent, bitangent) = sample.normal.any_orthonormal_pair();
+        let (mut area, mut moments) = (0.0, [0.0; 3]);
+        let (mut color, mut normal) = (Vec4::ZERO, DVec3::ZERO);
+        for &member in cells.members(index) {
+            let member = member as usize;
+            let a = points.normal_and_area(member).1;
+            let offset = points.positions[member] - sample.position;
+            let (x, y) = (f64::from(offset.dot(tangent)), f64::from(offset.dot(bitangent)));
+            let (here, up) = look.at(points, member);
+            let leaf = f64::from(a * LEAF_VARIANCE);
+            let weight = f64::from(a);
+            area += weight;
+            moments[0] += weight * (x * x + leaf);
+            moments[1] += weight * x * y;
+            moments[2] += weight * (y * y + leaf);
+            color += here * a;
+            normal += up.as_dvec3() * weight;
+        }
+        if area <= 0.0 {
+            return None;
+        }
+        let mode = std::env::var("MODE").unwrap_or_default();
+        let k: f64 = std::env::var("SIGMA").ok().and_then(|s| s.parse().ok()).unwrap_or(0.8);
+        let [xx, xy, yy] = moments.map(|m| m / area);
+        let root = root(DMat2::from_cols(DVec2::new(xx, xy), DVec2::new(xy, yy)));
+        let m = match mode.as_str() {
+            "iso" => DMat2::IDENTITY * (k * area.sqrt()),
+            "common" => DMat2::IDENTITY * k,
+            "aspect" => root * (k * (area / root.determinant()).sqrt()),
+            _ => root * (k * 12f64.sqrt()),
+        };
+        let half = |v: DVec2| tangent * v.x as f32 + bitangent * v.y as f32;
+        Some(Self {
+            center: sample.position,
+            axes: [half(m.x_axis), half(m.y_axis)],
+            area: area as f32,
+            normal: normal.try_normalize().map_or(sample.normal, DVec3::as_vec3),
+            color: color / area as f32,
+        })
+    }
+}
+
+/// The symmetric square root of a covariance: (M + √|M| 1) / √(tr M + 2 √|M|).
+fn root(m: DMat2) -> DMat2 {
+    let s = m.determinant().max(0.0).sqrt();
+    let trace = m.x_axis.x + m.y_axis.y;
+    (m + DMat2::IDENTITY * s) * (trace + 2.0 * s).sqrt().recip()
+}
+
+fn splats(surfels: &[Surfel], spacing: f64, closed: bool, settings: &SamplerSettings) -> Splats {
+    let length = spacing as f32;
+    let map = |surfel: &Surfel| surfel.center * length;
+    let factor =
+        |surfel: &Surfel| Mat3::from_cols(surfel.axes[0] * length, surfel.axes[1] * length, Vec3::ZERO);
+    let color = |surfel: &Surfel| {
+        let alpha = surfel.color.w;
+        if alpha > 0.0 { (surfel.color.truncate() / alpha).to_array() } else { [0.0; 3] }
+    };
+    let translucent = surfels.iter().any(|surfel| surfel.color.w < 1.0 - 1e-6);
+    let opacities = || surfels.par_iter().map(|surfel| surfel.color.w.clamp(0.0, 1.0)).collect();
+    let area = |surfel: &Surfel| (f64::from(surfel.area) * spacing * spacing) as f32;
+    Splats {
+        centers: surfels.par_iter().map(map).collect(),
+        shapes: Shapes::Each(surfels.par_iter().map(factor).collect()),
+        strength: Strength::Surface(Surface {
+            areas: surfels.par_iter().map(area).collect(),
+            opacities: translucent.then(opacities),
+            depth_tolerance: KERNEL_SIGMA * length,
+            coverage_floor: COVERAGE_FLOOR,
+            closed,
+        }),
+        colors: surfels.par_iter().map(color).collect(),
+        normals: Some(surfels.par_iter().map(|surfel| surfel.normal).collect()),
+        material: settings.material,
+    }
+}

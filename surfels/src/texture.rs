@@ -1,0 +1,117 @@
+//! Textures in linear light, filtered over an extent by a pyramid of means.
+
+use crate::mesh::{Texture, Wrap};
+use glam::{Vec2, Vec4};
+use oblate_engine::color::srgb_to_linear;
+use rayon::prelude::*;
+
+/// A texture and its means over ever larger boxes: linear, premultiplied.
+pub(crate) struct Pyramid<'a> {
+    texture: &'a Texture,
+    to_linear: [f32; 256],
+    /// Levels 1 and up; level 0 is the texture itself.
+    means: Vec<Level>,
+}
+
+struct Level {
+    width: usize,
+    height: usize,
+    texels: Vec<Vec4>,
+}
+
+impl<'a> Pyramid<'a> {
+    /// Averages a texture whose texels fill its rows, down to one texel.
+    pub(crate) fn new(texture: &'a Texture) -> Self {
+        let to_linear = std::array::from_fn(|i| srgb_to_linear(i as f32 / 255.0));
+        let mut pyramid = Self { texture, to_linear, means: Vec::new() };
+        let (mut width, mut height) = (texture.width, texture.height);
+        while width > 1 || height > 1 {
+            let level = pyramid.means.len();
+            let narrow = (width / 2).max(1);
+            let low = (height / 2).max(1);
+            let mut texels = vec![Vec4::ZERO; narrow * low];
+            texels.par_chunks_mut(narrow).enumerate().for_each(|(y, row)| {
+                for (x, mean) in row.iter_mut().enumerate() {
+                    for (j, weight_y) in shares(y, height, low) {
+                        for (i, weight_x) in shares(x, width, narrow) {
+                            *mean += weight_x * weight_y * pyramid.texel(level, i, j);
+                        }
+                    }
+                }
+            });
+            pyramid.means.push(Level { width: narrow, height: low, texels });
+            (width, height) = (narrow, low);
+        }
+        pyramid
+    }
+
+    /// The mean colour around `at` over about `area` squared texels: linear, premultiplied. The levels
+    /// are interpolated trilinearly.
+    pub(crate) fn sample(&self, at: Vec2, area: f32) -> Vec4 {
+        let level = (0.5 * area.max(1.0).log2()).min(self.means.len() as f32);
+        let fine = level as usize;
+        let here = self.bilinear(fine, at);
+        if level > fine as f32 { here.lerp(self.bilinear(fine + 1, at), level - fine as f32) } else { here }
+    }
+
+    /// Width and height in texels.
+    pub(crate) fn size(&self) -> Vec2 {
+        Vec2::new(self.texture.width as f32, self.texture.height as f32)
+    }
+
+    fn bilinear(&self, level: usize, at: Vec2) -> Vec4 {
+        let (width, height) =
+            if level == 0 { (self.texture.width, self.texture.height) } else { self.means[level - 1].size() };
+        let [x0, x1, right] = neighbors(at.x, width, self.texture.wrap[0]);
+        let [y0, y1, down] = neighbors(at.y, height, self.texture.wrap[1]);
+        let texel = |x: f32, y: f32| self.texel(level, x as usize, y as usize);
+        texel(x0, y0).lerp(texel(x1, y0), right).lerp(texel(x0, y1).lerp(texel(x1, y1), right), down)
+    }
+
+    fn texel(&self, level: usize, x: usize, y: usize) -> Vec4 {
+        if level > 0 {
+            let mean = &self.means[level - 1];
+            return mean.texels[y * mean.width + x];
+        }
+        let [r, g, b, a] = self.texture.texels[y * self.texture.width + x];
+        let alpha = f32::from(a) / 255.0;
+        let linear = |v: u8| self.to_linear[usize::from(v)] * alpha;
+        Vec4::new(linear(r), linear(g), linear(b), alpha)
+    }
+}
+
+impl Level {
+    fn size(&self) -> (usize, usize) {
+        (self.width, self.height)
+    }
+}
+
+/// The texels out of `from` that texel `index` out of `to` covers, each with its share of the mean; a side
+/// that doesn't divide evenly is shared exactly.
+fn shares(index: usize, from: usize, to: usize) -> impl Iterator<Item = (usize, f32)> {
+    // Lengths in units of 1/to of a texel: texel i is [i·to, (i + 1)·to], the mean [index·from, …].
+    let (begin, end) = (index * from, (index + 1) * from);
+    (begin / to..end.div_ceil(to)).map(move |i| {
+        let overlap = end.min((i + 1) * to) - begin.max(i * to);
+        (i, overlap as f32 / from as f32)
+    })
+}
+
+/// The two texels around a coordinate along one axis, and how far it is from the first to the second.
+fn neighbors(at: f32, size: usize, wrap: Wrap) -> [f32; 3] {
+    let size = size as f32;
+    let period = if wrap == Wrap::Mirror { 2.0 } else { 1.0 };
+    // Folded first: far from 0 a coordinate has no digits left for texels.
+    let at = if wrap == Wrap::Clamp { at.clamp(0.0, 1.0) } else { at.rem_euclid(period) };
+    let texel = at * size - 0.5;
+    let first = texel.floor();
+    let fold = |i: f32| match wrap {
+        Wrap::Repeat => i.rem_euclid(size),
+        Wrap::Clamp => i.clamp(0.0, size - 1.0),
+        Wrap::Mirror => {
+            let i = i.rem_euclid(2.0 * size);
+            i.min(2.0 * size - 1.0 - i)
+        }
+    };
+    [fold(first), fold(first + 1.0), texel - first]
+}
