@@ -3,12 +3,13 @@
 use crate::content::{Body, Item};
 use crate::description::{CameraOptions, Look};
 use crate::framing::View;
+use crate::pending::view_spacing;
 use crate::progress::Console;
 use crate::transfer;
 use anyhow::{Context, Result, ensure};
 use glam::DVec3;
 use oblate::engine::{Camera, Cloud, Light, Scene};
-use oblate::surfels::{Density, Mesh, SamplerSettings, sample, view_spacing};
+use oblate::surfels::{Density, Mesh, SamplerSettings, sample};
 use oblate::volumes::{IsoSettings, KernelSettings, Volume, iso_surfels, to_kernels};
 
 /// Surfels of all meshes together, where their number follows the view.
@@ -39,7 +40,9 @@ pub(crate) fn assemble(
             let _task = console.task(format!("splats of {}", item.name));
             let shown = volume_clouds(volume, &item.look).with_context(|| item.name.clone())?;
             if shown.iter().all(Cloud::is_empty) {
-                let range = volume.value_range().map_or("no finite value".into(), |[a, b]| format!("values {a} to {b}"));
+                let range = volume
+                    .value_range()
+                    .map_or("no finite value".into(), |[a, b]| format!("values {a} to {b}"));
                 console.say(format_args!("{}: nothing in it is visible ({range})", item.name));
             }
             clouds.extend(shown);

@@ -1,9 +1,9 @@
 //! Files to meshes and volumes that stand in the world.
 
 use crate::description::{ByteOrder, FileOptions, Kind, Look, SampleKind, Source};
+use crate::pending::importers::{Endian, OpenOptions, Opened, RawLayout, SampleType};
 use anyhow::{Result, bail, ensure};
 use glam::{DAffine3, DMat3, DVec3};
-use oblate::importers::{Endian, OpenOptions, Opened, RawLayout, SampleType};
 use oblate::surfels::Mesh;
 use oblate::volumes::{GridFrame, Volume};
 use std::path::Path;
@@ -54,12 +54,9 @@ pub(crate) fn open(path: &Path, options: &FileOptions) -> Result<Opened> {
         "{}: --type and --endian describe raw volumes; give --dims with them",
         path.display()
     );
-    let options = OpenOptions {
-        raw,
-        spacing: options.spacing.map(DVec3::from),
-        texture: options.texture.clone(),
-    };
-    Ok(oblate::importers::open(path, &options)?)
+    let options =
+        OpenOptions { raw, spacing: options.spacing.map(DVec3::from), texture: options.texture.clone() };
+    Ok(crate::pending::importers::open(path, &options)?)
 }
 
 impl From<SampleKind> for SampleType {
@@ -93,11 +90,8 @@ pub(crate) fn placed_mesh(mut mesh: Mesh, placement: DAffine3) -> Mesh {
 /// The volume moved to the world: extinction is per world unit, and gradients are the world's.
 pub(crate) fn placed_volume(volume: Volume, placement: DAffine3) -> Result<Volume> {
     let index_to_world = placement * volume.index_to_world();
-    let columns = [
-        index_to_world.matrix3.x_axis,
-        index_to_world.matrix3.y_axis,
-        index_to_world.matrix3.z_axis,
-    ];
+    let columns =
+        [index_to_world.matrix3.x_axis, index_to_world.matrix3.y_axis, index_to_world.matrix3.z_axis];
     let [x, y, z] = columns.map(DVec3::length);
     let spacing = DVec3::new(x, y, z);
     let direction = DMat3::from_cols(columns[0] / x, columns[1] / y, columns[2] / z);

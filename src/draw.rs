@@ -2,10 +2,10 @@
 
 use crate::description::{PictureOptions, Reference};
 use crate::notation::Rgba;
+use crate::pending::reference::{ReferenceKind, reference};
 use crate::progress::Console;
-use crate::stats::{FrameTimes, StageClock, milliseconds};
+use crate::stats::{FrameTimes, StageClock};
 use anyhow::{Result, ensure};
-use oblate::engine::reference::{ReferenceKind, reference};
 use oblate::engine::{Blend, Camera, FootprintForm, Frame, RenderSettings, Scene, render};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
@@ -30,10 +30,7 @@ impl Drawing {
         let low_pass = options.low_pass.unwrap_or(defaults.low_pass);
         ensure!(low_pass >= 0.0 && low_pass.is_finite(), "--low-pass is {low_pass}; it must be at least 0");
         let choice = options.reference.unwrap_or_default();
-        ensure!(
-            options.samples.is_none() || choice == Reference::R2,
-            "--samples is for --reference r2"
-        );
+        ensure!(options.samples.is_none() || choice == Reference::R2, "--samples is for --reference r2");
         let samples = options.samples.unwrap_or(SAMPLES);
         Ok(Self {
             size: options.size.unwrap_or([SIDE; 2]),
@@ -54,7 +51,12 @@ impl Drawing {
     }
 
     /// Draws a frame and measures it.
-    pub(crate) fn draw(&self, scene: &Scene, camera: &Camera, console: Console) -> Result<(Frame, FrameTimes)> {
+    pub(crate) fn draw(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        console: Console,
+    ) -> Result<(Frame, FrameTimes)> {
         let clock = StageClock::default();
         let task = console.task("drawing");
         let begun = Instant::now();

@@ -188,7 +188,9 @@ mod tests {
     const SIZE: [u32; 2] = [200, 100];
 
     fn cube(low: f64, high: f64) -> Vec<DVec3> {
-        (0..8).map(|i| DVec3::from([i & 1, i >> 1 & 1, i >> 2].map(|b| if b == 1 { high } else { low }))).collect()
+        (0..8)
+            .map(|i| DVec3::from([i & 1, i >> 1 & 1, i >> 2].map(|b| if b == 1 { high } else { low })))
+            .collect()
     }
 
     fn complete(options: &CameraOptions, points: &[DVec3], up: DVec3) -> View {

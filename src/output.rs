@@ -39,7 +39,10 @@ impl Output {
         write(&mut buffer).with_context(failed)?;
         buffer.flush().with_context(failed)?;
         drop(buffer);
-        self.file.persist(&self.path).map_err(|e| e.error).with_context(|| format!("cannot write {}", self.path.display()))?;
+        self.file
+            .persist(&self.path)
+            .map_err(|e| e.error)
+            .with_context(|| format!("cannot write {}", self.path.display()))?;
         Ok(())
     }
 }

@@ -31,7 +31,7 @@
 //! ```
 
 use crate::description::{
-    ByteOrder, CameraOptions, Description, Kind, FileOptions, Look, PictureOptions, SampleKind, Source,
+    ByteOrder, CameraOptions, Description, FileOptions, Kind, Look, PictureOptions, SampleKind, Source,
 };
 use crate::notation::Rgba;
 use crate::transfer;
@@ -153,7 +153,8 @@ fn parse(text: &str, folder: &Path) -> Result<Description, Problem> {
     for table in file.mesh {
         sources.push(at_span(table, |t| t.source(folder))?);
     }
-    let lights = file.light.into_iter().map(|table| at_span(table, LightTable::light)).collect::<Result<_, _>>()?;
+    let lights =
+        file.light.into_iter().map(|table| at_span(table, LightTable::light)).collect::<Result<_, _>>()?;
     Ok(Description { camera: file.camera, picture: file.render, sources, lights })
 }
 
@@ -179,7 +180,10 @@ impl MeshTable {
             path: folder.join(self.path),
             kind: Some(Kind::Mesh),
             placement: placement(self.translate, self.rotate, self.scale)?,
-            file: FileOptions { texture: self.texture.map(|path| folder.join(path)), ..FileOptions::default() },
+            file: FileOptions {
+                texture: self.texture.map(|path| folder.join(path)),
+                ..FileOptions::default()
+            },
             look: Look { surfels: self.surfels, surfel_spacing: self.surfel_spacing, ..Look::default() },
         })
     }

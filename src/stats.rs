@@ -3,8 +3,8 @@
 use oblate::engine::{Counts, Observer, Stage};
 use serde::{Serialize, Serializer};
 use std::cell::Cell;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 thread_local! {

@@ -19,7 +19,10 @@ pub(crate) fn resolve(name: Option<&str>, volume: &Volume) -> Result<TransferFun
     let path = name.unwrap_or_default();
     let text = std::fs::read_to_string(path).with_context(|| {
         let names: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
-        format!("transfer function {path}: neither a preset ({}) nor a file that can be read", names.join(", "))
+        format!(
+            "transfer function {path}: neither a preset ({}) nor a file that can be read",
+            names.join(", ")
+        )
     })?;
     text.parse().with_context(|| path.to_owned())
 }

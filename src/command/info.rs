@@ -4,10 +4,10 @@ use super::print;
 use crate::content::open;
 use crate::description::FileOptions;
 use crate::notation::comma_list;
+use crate::pending::importers::Opened;
 use anyhow::Result;
 use clap::Args;
 use glam::DVec3;
-use oblate::importers::Opened;
 use oblate::surfels::Mesh;
 use oblate::volumes::{Histogram, Volume, propose_iso};
 use std::fmt::{self, Write};
@@ -42,12 +42,15 @@ fn describe_mesh(mesh: &Mesh, text: &mut String) -> fmt::Result {
     writeln!(text, "mesh        {parts} {}", if parts == 1 { "part" } else { "parts" })?;
     writeln!(text, "triangles   {}", sum(|p| p.triangles.len()))?;
     writeln!(text, "vertices    {}", sum(|p| p.positions.len()))?;
-    let having = |what: &str, has: fn(&oblate::surfels::Primitive) -> bool| {
-        match mesh.primitives.iter().filter(|p| has(p)).count() {
-            0 => None,
-            n if n == parts => Some(what.to_owned()),
-            n => Some(format!("{what} ({n} of {parts} parts)")),
-        }
+    let having = |what: &str, has: fn(&oblate::surfels::Primitive) -> bool| match mesh
+        .primitives
+        .iter()
+        .filter(|p| has(p))
+        .count()
+    {
+        0 => None,
+        n if n == parts => Some(what.to_owned()),
+        n => Some(format!("{what} ({n} of {parts} parts)")),
     };
     let attributes = [
         having("normals", |p| p.normals.is_some()),
@@ -55,7 +58,11 @@ fn describe_mesh(mesh: &Mesh, text: &mut String) -> fmt::Result {
         having("vertex colours", |p| p.colors.is_some()),
     ];
     let attributes: Vec<String> = attributes.into_iter().flatten().collect();
-    writeln!(text, "attributes  {}", if attributes.is_empty() { "none".into() } else { attributes.join(", ") })?;
+    writeln!(
+        text,
+        "attributes  {}",
+        if attributes.is_empty() { "none".into() } else { attributes.join(", ") }
+    )?;
     for (index, part) in mesh.primitives.iter().enumerate() {
         if let Some(texture) = &part.material.texture {
             writeln!(text, "texture     {}×{} on part {index}", texture.width, texture.height)?;

@@ -87,7 +87,11 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     described.camera = args.camera.over(described.camera);
     let drawing = Drawing::new(&described.picture)?;
     let (items, load_time) = timed(|| {
-        let items = if built_in { built_in::items(console)? } else { load_all(described.sources, &args.file, console)? };
+        let items = if built_in {
+            built_in::items(console)?
+        } else {
+            load_all(described.sources, &args.file, console)?
+        };
         // What is said here counts for each file.
         let over = |item: Item| Item { look: args.look.clone().over(item.look), ..item };
         Ok(items.into_iter().map(over).collect::<Vec<_>>())
@@ -127,12 +131,17 @@ fn describe(files: Vec<PathBuf>) -> Result<Description> {
         }
         Some(path) => {
             let description = scene_file::read(path)?;
-            ensure!(!description.sources.is_empty(), "{}: it lists no [[mesh]] and no [[volume]]", path.display());
+            ensure!(
+                !description.sources.is_empty(),
+                "{}: it lists no [[mesh]] and no [[volume]]",
+                path.display()
+            );
             Ok(description)
         }
-        None => {
-            Ok(Description { sources: files.into_iter().map(Source::new).collect(), ..Description::default() })
-        }
+        None => Ok(Description {
+            sources: files.into_iter().map(Source::new).collect(),
+            ..Description::default()
+        }),
     }
 }
 
@@ -151,7 +160,8 @@ fn timed<T>(work: impl FnOnce() -> Result<T>) -> Result<(T, Duration)> {
 
 /// Medians of the frames; loading and building are not in it.
 fn summary(scene: &Scene, times: &[FrameTimes], by_reference: bool) -> Stats {
-    let of = |time: fn(&FrameTimes, usize) -> f64, i: usize| median(times.iter().map(|t| time(t, i)).collect());
+    let of =
+        |time: fn(&FrameTimes, usize) -> f64, i: usize| median(times.iter().map(|t| time(t, i)).collect());
     let counts = times.last().filter(|_| !by_reference).map(|t| t.counts);
     let stages = if by_reference { &[][..] } else { &Stage::ALL[..] };
     Stats {

@@ -47,7 +47,8 @@ pub(super) fn read_picture(bytes: &[u8]) -> Result<Picture> {
         let channel = layer.channel_data.list.iter().find(|c| c.name == *name)?;
         Some(channel.sample_data.values_as_f32().collect())
     };
-    let color = |name: &str| named(name).with_context(|| format!("no channel `{name}`; R, G and B are compared"));
+    let color =
+        |name: &str| named(name).with_context(|| format!("no channel `{name}`; R, G and B are compared"));
     let (r, g, b) = (color("R")?, color("G")?, color("B")?);
     let a = named("A").unwrap_or_else(|| vec![1.0; r.len()]);
     let values = r.into_iter().zip(g).zip(b).zip(a).map(|(((r, g), b), a)| [r, g, b, a]).collect();

@@ -48,12 +48,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Picture> {
     let image = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png).decode()?.into_rgba16();
     // 8-bit levels are widened by 257, which is 65,535 / 255: they stay what they are.
     let values = image.pixels().map(|p| p.0.map(|v| f32::from(v) / 65_535.0)).collect();
-    Ok(Picture {
-        width: image.width() as usize,
-        height: image.height() as usize,
-        values,
-        unit: Unit::Levels,
-    })
+    Ok(Picture { width: image.width() as usize, height: image.height() as usize, values, unit: Unit::Levels })
 }
 
 #[cfg(test)]
