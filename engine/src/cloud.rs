@@ -95,7 +95,8 @@ pub struct Splats {
     pub strength: Strength,
     /// Linear Rec. 709 colours, not premultiplied.
     pub colors: Vec<[f32; 3]>,
-    /// Unit normals for shading in cloud space; a zero vector, or `None` for all, is a splat without one.
+    /// Unit normals for shading in cloud space; a zero vector, or `None` for all, is a splat without one,
+    /// which returns ambient light alone, or, on a surface, takes the normal of its shape.
     pub normals: Option<Vec<Vec3>>,
     /// How the splats answer light.
     pub material: Material,

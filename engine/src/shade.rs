@@ -49,7 +49,7 @@ impl Shader {
     }
 
     /// The colour sent to the camera by a point with a base colour and a unit normal, seen from either
-    /// side; a point with a zero normal returns the diffuse light in full and has no highlight.
+    /// side. A point without a normal (zero), deep inside a uniform region, returns ambient light alone.
     pub(crate) fn shade(&self, base: [f32; 3], normal: Vec3, position: Vec3) -> [f32; 3] {
         let Material { ambient, diffuse, specular, exponent } = self.material;
         let base = Vec3::from(base);
@@ -62,10 +62,6 @@ impl Shader {
                 Source::Towards(direction, color) => (direction, color),
                 Source::At(place, color) => ((place - position).normalize_or_zero(), color),
             };
-            if normal == Vec3::ZERO {
-                light += color * diffuse;
-                continue;
-            }
             let cosine = facing.dot(towards);
             if cosine > 0.0 {
                 light += color * (diffuse * cosine);
