@@ -45,23 +45,20 @@ impl Points {
         let mut owners = vec![0_u32; total];
         let mut tasks = Vec::new();
         let (mut points, mut ids) = (&mut positions[..], &mut owners[..]);
-        let mut first = 0;
         for (task, counts) in counts.chunks(FACETS_PER_TASK).enumerate() {
             let here = counts.iter().sum();
             let (mine, rest) = std::mem::take(&mut points).split_at_mut(here);
             let (my_ids, rest_ids) = std::mem::take(&mut ids).split_at_mut(here);
-            tasks.push((task * FACETS_PER_TASK, first, counts, mine, my_ids));
+            tasks.push((task * FACETS_PER_TASK, counts, mine, my_ids));
             (points, ids) = (rest, rest_ids);
-            first += here;
         }
-        tasks.into_par_iter().for_each(|(facet, mut first, counts, mut points, mut ids)| {
+        tasks.into_par_iter().for_each(|(facet, counts, mut points, mut ids)| {
             for (offset, &count) in counts.iter().enumerate() {
                 let (mine, rest) = std::mem::take(&mut points).split_at_mut(count);
                 let (my_ids, rest_ids) = std::mem::take(&mut ids).split_at_mut(count);
-                subdivide(facets.corners(&facets.facets[facet + offset]), first, mine);
+                subdivide(facets.corners(&facets.facets[facet + offset]), mine);
                 my_ids.fill((facet + offset) as u32);
                 (points, ids) = (rest, rest_ids);
-                first += count;
             }
         });
 
@@ -81,11 +78,11 @@ impl Points {
     }
 }
 
-/// Puts a point into each of `points.len()` parts of a triangle, all of one area; `first` numbers them.
-fn subdivide([a, b, c]: [Vec3; 3], first: usize, points: &mut [Vec3]) {
+/// Puts a point into the middle of each of `points.len()` parts of a triangle, all of one area.
+fn subdivide([a, b, c]: [Vec3; 3], points: &mut [Vec3]) {
     let count = points.len();
     if let [point] = points {
-        *point = jittered([a, b, c], first);
+        *point = (a + b + c) / 3.0;
         return;
     }
     let (ab, bc, ca) = ((b - a).length_squared(), (c - b).length_squared(), (a - c).length_squared());
@@ -99,35 +96,12 @@ fn subdivide([a, b, c]: [Vec3; 3], first: usize, points: &mut [Vec3]) {
     let half = count / 2;
     let middle = a.lerp(b, half as f32 / count as f32);
     let (left, right) = points.split_at_mut(half);
-    let mut halves = [([a, middle, c], first, left), ([middle, b, c], first + half, right)];
+    let mut halves = [([a, middle, c], left), ([middle, b, c], right)];
     if count > 8192 {
-        halves.into_par_iter().for_each(|(corners, first, points)| subdivide(corners, first, points));
+        halves.into_par_iter().for_each(|(corners, points)| subdivide(corners, points));
     } else {
-        for (corners, first, points) in &mut halves {
-            subdivide(*corners, *first, points);
+        for (corners, points) in &mut halves {
+            subdivide(*corners, points);
         }
     }
-}
-
-/// How far a point may be from its leaf's middle, as a share of the leaf: without it the leaves of a large
-/// triangle are a lattice, and the number of surfels that fit depends on how the lattice lies.
-const JITTER: f32 = 0.5;
-
-/// The variance along an axis that a leaf of area 1 still has around its jittered point.
-pub(crate) const LEAF_VARIANCE: f32 = (1.0 - JITTER * JITTER) / 9.0;
-
-fn jittered([a, b, c]: [Vec3; 3], number: usize) -> Vec3 {
-    let bits = mix(number as u64);
-    let (u, v) = ((bits >> 40) as f32 / 16_777_216.0, ((bits >> 16) & 0xFF_FFFF) as f32 / 16_777_216.0);
-    let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
-    let random = a + (b - a) * u + (c - a) * v;
-    ((a + b + c) / 3.0).lerp(random, JITTER)
-}
-
-/// The finaliser of Steele, Lea, Flood, *Fast Splittable Pseudorandom Number Generators*, 2014.
-fn mix(number: u64) -> u64 {
-    let z = number.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    let z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    z ^ (z >> 31)
 }

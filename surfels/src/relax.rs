@@ -12,12 +12,17 @@ use rayon::prelude::*;
 /// Weight of squared distance between unit normals, in squared spacings: a right angle is one spacing.
 const NORMAL_WEIGHT: f32 = 0.5;
 
-/// The least squared distance of the first choice, in squared spacings; such that a plane gets one sample
-/// for each squared spacing.
-const SEPARATION2: f32 = 0.7;
+/// Squared distance in squared spacings at which a plane gets one sample for each squared spacing: balls of
+/// half that diameter, dropped at random until none fits, cover 0.547 of it.
+const SEPARATION2: f32 = 0.697;
 
-/// Steps of Lloyd's relaxation.
-const RELAXATIONS: usize = 3;
+/// How much less of that there is for a choice among points of area 1: 0.883 of the samples fit on points
+/// of area 1/8, 0.94 on 1/16, 0.97 on 1/32.
+const COARSENESS: f32 = 0.9;
+
+/// Steps of Lloyd's relaxation. More than one does not change the range of the summed coverage on planes,
+/// spheres and tori by more than 0.005: what is left comes from how finely points measure areas.
+const RELAXATIONS: usize = 1;
 
 /// A surface sample.
 #[derive(Clone, Copy, Debug)]
@@ -91,7 +96,8 @@ pub(crate) fn scatter(points: &Points) -> Vec<u32> {
                 }
                 for point in grid.points(cell..cell + 1) {
                     let here = place(points, point);
-                    if near.iter().all(|&there| distance2(here, there) >= SEPARATION2) {
+                    let separation2 = SEPARATION2 * (1.0 - COARSENESS * points.normal_and_area(point).1);
+                    if near.iter().all(|&there| distance2(here, there) >= separation2) {
                         near.push(here);
                         chosen.push(point as u32);
                     }

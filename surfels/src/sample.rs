@@ -5,11 +5,11 @@ use crate::error::SampleError;
 use crate::facets::Facets;
 use crate::grid::LONGEST_EXTENT;
 use crate::mesh::Mesh;
-use crate::points::{LEAF_VARIANCE, Points};
+use crate::points::Points;
 use crate::relax::{Voronoi, relax, scatter};
-use glam::{DAffine3, DMat2, DVec2, DVec3, Mat3, Vec3, Vec4};
+use glam::{DAffine3, DVec3, DVec4, Vec3, Vec4};
 use oblate_engine::Cloud;
-use oblate_engine::cloud::{Material, Shapes, Splats, Strength, Surface};
+use oblate_engine::cloud::{Material, Shapes, Splats, Strength, Surface, oblate_factor};
 use rayon::prelude::*;
 
 /// How many surfels a mesh gets.
@@ -39,7 +39,7 @@ impl Default for SamplerSettings {
 }
 
 /// The standard deviation of a surfel's kernel as a share of the spacing.
-pub const KERNEL_SIGMA: f32 = 0.8;
+pub const KERNEL_SIGMA: f32 = 0.7;
 
 /// The floor w₀ of the summed coverage that [`sample`] keeps three radii away from borders and creases.
 pub const COVERAGE_FLOOR: f32 = 0.85;
@@ -89,9 +89,10 @@ pub fn sample(mesh: &Mesh, density: Density, settings: &SamplerSettings) -> Resu
 /// A surfel in units of the spacing.
 struct Surfel {
     center: Vec3,
-    /// Half-axes of its kernel.
-    axes: [Vec3; 2],
+    /// Its plane's outward normal.
+    facing: Vec3,
     area: f32,
+    /// For shading.
     normal: Vec3,
     /// Linear, premultiplied.
     color: Vec4,
@@ -100,60 +101,29 @@ struct Surfel {
 impl Surfel {
     fn new(points: &Points, cells: &Voronoi, look: &Appearance, index: usize) -> Option<Self> {
         let sample = &cells.samples[index];
-        let (tangent, bitangent) = sample.normal.any_orthonormal_pair();
-        let (mut area, mut moments) = (0.0, [0.0; 3]);
-        let (mut color, mut normal) = (Vec4::ZERO, DVec3::ZERO);
+        let (mut area, mut color, mut normal) = (0.0, DVec4::ZERO, DVec3::ZERO);
         for &member in cells.members(index) {
-            let member = member as usize;
-            let a = points.normal_and_area(member).1;
-            let offset = points.positions[member] - sample.position;
-            let (x, y) = (f64::from(offset.dot(tangent)), f64::from(offset.dot(bitangent)));
-            let (here, up) = look.at(points, member);
-            let leaf = f64::from(a * LEAF_VARIANCE);
-            let weight = f64::from(a);
-            area += weight;
-            moments[0] += weight * (x * x + leaf);
-            moments[1] += weight * x * y;
-            moments[2] += weight * (y * y + leaf);
-            color += here * a;
-            normal += up.as_dvec3() * weight;
+            let share = f64::from(points.normal_and_area(member as usize).1);
+            let (here, up) = look.at(points, member as usize);
+            area += share;
+            color += here.as_dvec4() * share;
+            normal += up.as_dvec3() * share;
         }
-        if area <= 0.0 {
-            return None;
-        }
-        let mode = std::env::var("MODE").unwrap_or_default();
-        let k: f64 = std::env::var("SIGMA").ok().and_then(|s| s.parse().ok()).unwrap_or(0.8);
-        let [xx, xy, yy] = moments.map(|m| m / area);
-        let root = root(DMat2::from_cols(DVec2::new(xx, xy), DVec2::new(xy, yy)));
-        let m = match mode.as_str() {
-            "iso" => DMat2::IDENTITY * (k * area.sqrt()),
-            "common" => DMat2::IDENTITY * k,
-            "aspect" => root * (k * (area / root.determinant()).sqrt()),
-            _ => root * (k * 12f64.sqrt()),
-        };
-        let half = |v: DVec2| tangent * v.x as f32 + bitangent * v.y as f32;
-        Some(Self {
+        (area > 0.0).then(|| Self {
             center: sample.position,
-            axes: [half(m.x_axis), half(m.y_axis)],
+            facing: sample.normal,
             area: area as f32,
             normal: normal.try_normalize().map_or(sample.normal, DVec3::as_vec3),
-            color: color / area as f32,
+            color: (color / area).as_vec4(),
         })
     }
 }
 
-/// The symmetric square root of a covariance: (M + √|M| 1) / √(tr M + 2 √|M|).
-fn root(m: DMat2) -> DMat2 {
-    let s = m.determinant().max(0.0).sqrt();
-    let trace = m.x_axis.x + m.y_axis.y;
-    (m + DMat2::IDENTITY * s) * (trace + 2.0 * s).sqrt().recip()
-}
-
 fn splats(surfels: &[Surfel], spacing: f64, closed: bool, settings: &SamplerSettings) -> Splats {
     let length = spacing as f32;
+    let radius = KERNEL_SIGMA * length;
     let map = |surfel: &Surfel| surfel.center * length;
-    let factor =
-        |surfel: &Surfel| Mat3::from_cols(surfel.axes[0] * length, surfel.axes[1] * length, Vec3::ZERO);
+    let factor = |surfel: &Surfel| oblate_factor(surfel.facing, radius, f32::INFINITY);
     let color = |surfel: &Surfel| {
         let alpha = surfel.color.w;
         if alpha > 0.0 { (surfel.color.truncate() / alpha).to_array() } else { [0.0; 3] }
@@ -167,7 +137,7 @@ fn splats(surfels: &[Surfel], spacing: f64, closed: bool, settings: &SamplerSett
         strength: Strength::Surface(Surface {
             areas: surfels.par_iter().map(area).collect(),
             opacities: translucent.then(opacities),
-            depth_tolerance: KERNEL_SIGMA * length,
+            depth_tolerance: radius,
             coverage_floor: COVERAGE_FLOOR,
             closed,
         }),
