@@ -1,0 +1,51 @@
+//! A file in memory that knows its name, so that errors can say it.
+
+use crate::{ImportError, Place};
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// A file's bytes and path.
+pub(crate) struct File {
+    pub(crate) path: PathBuf,
+    pub(crate) bytes: Vec<u8>,
+}
+
+impl File {
+    /// Reads a regular file.
+    pub(crate) fn read(path: &Path) -> Result<Self, ImportError> {
+        match regular(path) {
+            Ok(bytes) => Ok(Self { path: path.to_owned(), bytes }),
+            Err(source) => Err(ImportError::Read { path: path.to_owned(), source }),
+        }
+    }
+
+    /// Reads a file that this one names at `place`, relative to this one's folder.
+    pub(crate) fn read_named(&self, place: Place, name: &str) -> Result<Self, ImportError> {
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        let as_written = folder.join(name);
+        // Files made on Windows name others with its separator.
+        let portable = folder.join(name.replace('\\', "/"));
+        let named = if as_written.exists() { as_written } else { portable };
+        match regular(&named) {
+            Ok(bytes) => Ok(Self { path: named, bytes }),
+            Err(source) => Err(ImportError::Named { path: self.path.clone(), place, named, source }),
+        }
+    }
+
+    pub(crate) fn malformed(&self, place: Place, problem: impl Into<String>) -> ImportError {
+        ImportError::Malformed { path: self.path.clone(), place, problem: problem.into() }
+    }
+
+    pub(crate) fn unsupported(&self, place: Place, feature: impl Into<String>) -> ImportError {
+        ImportError::Unsupported { path: self.path.clone(), place, feature: feature.into() }
+    }
+}
+
+/// The bytes of a regular file: a device or pipe could have no end.
+fn regular(path: &Path) -> io::Result<Vec<u8>> {
+    if !fs::metadata(path)?.is_file() {
+        return Err(io::Error::other("not a regular file"));
+    }
+    fs::read(path)
+}

@@ -1,0 +1,47 @@
+//! Decompression that stops at the size that is expected.
+
+use flate2::read::{MultiGzDecoder, ZlibDecoder};
+use std::io::Read;
+
+/// A deflate stream holds at most this many bytes for each of its own: 258 for two bits.
+const DEFLATE_LIMIT: usize = 1032;
+
+/// Exactly `expected` bytes from a gzip file (of one or more members).
+pub(crate) fn gunzip(compressed: &[u8], expected: usize) -> Result<Vec<u8>, String> {
+    exactly(MultiGzDecoder::new(compressed), compressed.len(), expected)
+}
+
+/// Exactly `expected` bytes from a zlib stream.
+pub(crate) fn zlib(compressed: &[u8], expected: usize) -> Result<Vec<u8>, String> {
+    exactly(ZlibDecoder::new(compressed), compressed.len(), expected)
+}
+
+/// Up to `limit` first bytes of a gzip file; what is broken ends them.
+pub(crate) fn gzip_beginning(compressed: &[u8], limit: usize) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    // What was read before an error is in `bytes` and is all that is asked for.
+    let _ = MultiGzDecoder::new(compressed).take(limit as u64).read_to_end(&mut bytes);
+    bytes
+}
+
+fn exactly(reader: impl Read, compressed: usize, expected: usize) -> Result<Vec<u8>, String> {
+    if expected / DEFLATE_LIMIT > compressed {
+        return Err(format!(
+            "{compressed} compressed bytes cannot hold the {expected} bytes that are expected"
+        ));
+    }
+    let mut bytes = Vec::new();
+    if let Err(error) = reader.take(expected as u64 + 1).read_to_end(&mut bytes) {
+        return Err(format!(
+            "the compressed data break off after {} of {expected} bytes: {error}",
+            bytes.len()
+        ));
+    }
+    match bytes.len() {
+        found if found < expected => Err(format!("decompressed to {found} bytes; {expected} are expected")),
+        found if found > expected => {
+            Err(format!("decompressed to more than the {expected} bytes that are expected"))
+        }
+        _ => Ok(bytes),
+    }
+}

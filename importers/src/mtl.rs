@@ -1,0 +1,134 @@
+//! MTL: the materials of an OBJ file.
+//!
+//! Of a material the base colour is read: `Kd`, `d` and `map_Kd`. MTL has no defined colour space; `Kd`
+//! counts as sRGB-encoded like the textures it stands beside. A map replaces `Kd`, since many writers leave
+//! 0.8 or 0 there. `Tr` is not read: some writers mean 1 - d by it, others d.
+
+use crate::file::File;
+use crate::geometry::decoded;
+use crate::{ImportError, Place, texture};
+use glam::Vec4;
+use oblate_surfels::{BaseColor, Texture, Wrap};
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Materials by name, each image read once.
+#[derive(Default)]
+pub(crate) struct Library {
+    pub(crate) materials: HashMap<String, BaseColor>,
+    textures: HashMap<(String, bool), Arc<Texture>>,
+}
+
+impl Library {
+    /// Adds the materials of a file.
+    pub(crate) fn add(&mut self, file: &File) -> Result<(), ImportError> {
+        let mut name: Option<String> = None;
+        for (index, line) in file.bytes.split(|&b| b == b'\n').enumerate() {
+            let text = String::from_utf8_lossy(line);
+            let text = text.trim();
+            let (word, rest) = text.split_once(|c: char| c.is_whitespace()).unwrap_or((text, ""));
+            let (place, rest) = (Place::Line(index + 1), rest.trim());
+            if word == "newmtl" {
+                self.materials.insert(rest.to_owned(), BaseColor::default());
+                name = Some(rest.to_owned());
+                continue;
+            }
+            if !matches!(word, "Kd" | "d" | "map_Kd") {
+                continue;
+            }
+            let Some(material) = name.as_ref().and_then(|name| self.materials.get_mut(name)) else {
+                return Err(file.malformed(place, format!("{word} before any newmtl")));
+            };
+            match word {
+                "Kd" if material.texture.is_none() => {
+                    let [r, g, b] = color(rest).map_err(|problem| file.malformed(place, problem))?;
+                    let [r, g, b, _] = decoded([r, g, b, 1.0]);
+                    material.factor = Vec4::new(r, g, b, material.factor.w);
+                }
+                "d" => {
+                    let opacity = rest.strip_prefix("-halo").unwrap_or(rest).trim();
+                    let opacity = opacity.parse().ok().filter(|d| (0.0..=1.0).contains(d));
+                    let problem = || file.malformed(place, format!("d {rest:?} must be a number in [0, 1]"));
+                    material.factor.w = opacity.ok_or_else(problem)?;
+                }
+                "map_Kd" => {
+                    let (image, clamp) = map(file, place.clone(), rest)?;
+                    let wrap = [if clamp { Wrap::Clamp } else { Wrap::Repeat }; 2];
+                    let key = (image.clone(), clamp);
+                    let texture = match self.textures.get(&key) {
+                        Some(texture) => Arc::clone(texture),
+                        None => texture::read_named(file, place, &image, wrap)?,
+                    };
+                    self.textures.insert(key, Arc::clone(&texture));
+                    material.factor = Vec4::ONE.with_w(material.factor.w);
+                    material.texture = Some(texture);
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+/// `r g b`, or `r` for a grey.
+fn color(text: &str) -> Result<[f32; 3], String> {
+    let problem = || format!("Kd {text:?} must be one or three numbers in [0, 1]");
+    let numbers: Option<Vec<f32>> = text.split_whitespace().map(|word| word.parse().ok()).collect();
+    let color = match *numbers.ok_or_else(problem)?.as_slice() {
+        [grey] => [grey; 3],
+        [r, g, b] => [r, g, b],
+        _ => return Err(problem()),
+    };
+    if color.iter().all(|c| (0.0..=1.0).contains(c)) { Ok(color) } else { Err(problem()) }
+}
+
+/// The image's name behind options of `map_Kd`, and whether it is clamped.
+fn map(file: &File, place: Place, text: &str) -> Result<(String, bool), ImportError> {
+    let mut rest = text;
+    let mut clamp = false;
+    while rest.starts_with('-') {
+        let (option, after) = rest.split_once(char::is_whitespace).unwrap_or((rest, ""));
+        let (values, after) = arguments(option, after.trim_start());
+        let neutral = match option {
+            "-clamp" => {
+                clamp = values == ["on"];
+                true
+            }
+            "-s" => values.iter().all(|value| value.parse() == Ok(1.0)),
+            "-o" | "-t" => values.iter().all(|value| value.parse() == Ok(0.0)),
+            "-mm" => values.len() == 2 && values[0].parse() == Ok(0.0) && values[1].parse() == Ok(1.0),
+            "-blendu" | "-blendv" | "-cc" | "-texres" | "-boost" | "-bm" | "-imfchan" | "-type" => true,
+            // A name may begin with a dash.
+            _ => break,
+        };
+        if !neutral {
+            let feature = format!("map_Kd {option} {}: moving a map is not supported", values.join(" "));
+            return Err(file.unsupported(place, feature));
+        }
+        rest = after;
+    }
+    if rest.is_empty() {
+        return Err(file.malformed(place, "map_Kd names no image"));
+    }
+    Ok((rest.to_owned(), clamp))
+}
+
+/// The values of an option, and what follows them.
+fn arguments<'a>(option: &str, text: &'a str) -> (Vec<&'a str>, &'a str) {
+    let (most, numeric) = match option {
+        "-s" | "-o" | "-t" => (3, true),
+        "-mm" => (2, true),
+        _ => (1, false),
+    };
+    let mut values = Vec::new();
+    let mut rest = text;
+    while values.len() < most {
+        let (word, after) = rest.split_once(char::is_whitespace).unwrap_or((rest, ""));
+        if word.is_empty() || (numeric && word.parse::<f32>().is_err()) {
+            break;
+        }
+        values.push(word);
+        rest = after.trim_start();
+    }
+    (values, rest)
+}

@@ -1,0 +1,202 @@
+//! Raw voxels: samples and nothing else, x fastest, also under gzip.
+//!
+//! The layout comes from the caller or from a name such as `engine_256x256x128_uint8.raw.gz` or
+//! `CThead_256x256x113_uint16be.raw.gz`; without a byte order little-endian is meant.
+
+use crate::file::File;
+use crate::format::Format;
+use crate::inflate;
+use crate::scalar::Scalar;
+use crate::voxels::Layout;
+use crate::{ImportError, OpenOptions, Place};
+use oblate_volumes::{GridFrame, Volume};
+use std::fmt;
+use std::str::FromStr;
+use thiserror::Error;
+
+/// How raw samples lie in a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RawLayout {
+    /// Samples along x, y, z; x fastest.
+    pub dims: [usize; 3],
+    /// Their number type.
+    pub sample_type: SampleType,
+    /// Their byte order.
+    pub endian: Endian,
+}
+
+/// The number type of raw samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SampleType {
+    /// 8 bits.
+    U8,
+    /// 16 bits.
+    U16,
+    /// 16 bits, signed.
+    I16,
+    /// 32-bit floating point.
+    F32,
+}
+
+/// The order of a number's bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Endian {
+    /// Lowest first.
+    #[default]
+    Little,
+    /// Highest first.
+    Big,
+}
+
+/// A word that names no part of a layout.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("{given:?} is not {expected}")]
+pub struct LayoutError {
+    given: String,
+    expected: &'static str,
+}
+
+impl FromStr for SampleType {
+    type Err = LayoutError;
+
+    /// `u8`, `u16`, `i16`, `f32` or a longer name of these.
+    fn from_str(text: &str) -> Result<Self, LayoutError> {
+        match text.to_ascii_lowercase().as_str() {
+            "u8" | "uint8" | "uchar" => Ok(Self::U8),
+            "u16" | "uint16" | "ushort" => Ok(Self::U16),
+            "i16" | "int16" | "short" => Ok(Self::I16),
+            "f32" | "float32" | "float" => Ok(Self::F32),
+            _ => Err(LayoutError { given: text.into(), expected: "a sample type: u8, u16, i16 or f32" }),
+        }
+    }
+}
+
+impl fmt::Display for SampleType {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::U8 => "u8",
+            Self::U16 => "u16",
+            Self::I16 => "i16",
+            Self::F32 => "f32",
+        })
+    }
+}
+
+impl FromStr for Endian {
+    type Err = LayoutError;
+
+    /// `little`, `big`, `le` or `be`.
+    fn from_str(text: &str) -> Result<Self, LayoutError> {
+        match text.to_ascii_lowercase().as_str() {
+            "little" | "le" => Ok(Self::Little),
+            "big" | "be" => Ok(Self::Big),
+            _ => Err(LayoutError { given: text.into(), expected: "a byte order: little or big" }),
+        }
+    }
+}
+
+impl fmt::Display for Endian {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(if *self == Self::Little { "little" } else { "big" })
+    }
+}
+
+/// Reads `256x256x128` as samples along x, y, z.
+///
+/// # Errors
+/// When the text is not three positive numbers with `x` between them.
+pub fn parse_dims(text: &str) -> Result<[usize; 3], LayoutError> {
+    let error = || LayoutError { given: text.into(), expected: "three positive numbers such as 256x256x128" };
+    let numbers: Vec<usize> = text
+        .split(['x', 'X'])
+        .map(|n| n.parse().ok().filter(|&n| n > 0))
+        .collect::<Option<_>>()
+        .ok_or_else(error)?;
+    numbers.try_into().map_err(|_| error())
+}
+
+/// What a file's name says of its layout.
+#[derive(Default)]
+struct NameLayout {
+    dims: Option<[usize; 3]>,
+    sample_type: Option<SampleType>,
+    endian: Option<Endian>,
+}
+
+impl NameLayout {
+    fn of(name: &str) -> Self {
+        let mut layout = Self::default();
+        for word in name.split(['_', '-', '.', ' ']) {
+            let (stem, endian) = match word.len().checked_sub(2).and_then(|at| word.split_at_checked(at)) {
+                Some((stem, order)) if !stem.is_empty() => match order.parse() {
+                    Ok(endian) => (stem, Some(endian)),
+                    Err(_) => (word, None),
+                },
+                _ => (word, None),
+            };
+            if let Ok(dims) = parse_dims(word) {
+                layout.dims = Some(dims);
+            } else if let Ok(sample_type) = stem.parse() {
+                layout.sample_type = Some(sample_type);
+                layout.endian = layout.endian.or(endian);
+            } else if let Ok(endian) = word.parse() {
+                layout.endian = Some(endian);
+            }
+        }
+        layout
+    }
+}
+
+/// The caller's layout, else the name's.
+fn layout(file: &File, options: &OpenOptions) -> Result<RawLayout, ImportError> {
+    if let Some(layout) = options.raw {
+        return Ok(layout);
+    }
+    let name = file.path.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
+    let named = NameLayout::of(&name);
+    if let (Some(dims), Some(sample_type)) = (named.dims, named.sample_type) {
+        return Ok(RawLayout { dims, sample_type, endian: named.endian.unwrap_or_default() });
+    }
+    let missing = match (named.dims, named.sample_type) {
+        (Some(_), _) => "give their number type (u8, u16, i16 or f32) and byte order",
+        (_, Some(_)) => "give their dims (such as 256x256x128)",
+        _ => "give their dims (such as 256x256x128), number type (u8, u16, i16 or f32) and byte order",
+    };
+    Err(ImportError::Unknown { path: file.path.clone(), missing: missing.into() })
+}
+
+/// Raw samples, also under gzip.
+pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportError> {
+    let gzipped = file.bytes.starts_with(&[0x1f, 0x8b]);
+    if gzipped && options.raw.is_none() {
+        let inside = Format::of_beginning(&inflate::gzip_beginning(&file.bytes, 1024));
+        if let Some(format) = inside {
+            let feature = format!("{} under gzip is not supported; unpack it first", format.name());
+            return Err(file.unsupported(Place::Whole, feature));
+        }
+    }
+    let RawLayout { dims, sample_type, endian } = layout(file, options)?;
+    let scalar = match sample_type {
+        SampleType::U8 => Scalar::U8,
+        SampleType::U16 => Scalar::U16,
+        SampleType::I16 => Scalar::I16,
+        SampleType::F32 => Scalar::F32,
+    };
+    let layout = Layout { dims, scalar, endian };
+    let expected = layout.bytes(file)?;
+    let [x, y, z] = dims;
+    let wrong = |problem: String| {
+        file.malformed(
+            Place::Whole,
+            format!("{problem} (dims {x}x{y}x{z} of {sample_type}); check dims and type"),
+        )
+    };
+    if gzipped {
+        let bytes = inflate::gunzip(&file.bytes, expected).map_err(wrong)?;
+        layout.volume(file, &bytes, GridFrame::default(), options)
+    } else if file.bytes.len() != expected {
+        Err(wrong(format!("{} bytes; {expected} are expected", file.bytes.len())))
+    } else {
+        layout.volume(file, &file.bytes, GridFrame::default(), options)
+    }
+}
