@@ -1,9 +1,9 @@
 //! Files to meshes and volumes that stand in the world.
 
 use crate::description::{ByteOrder, FileOptions, Kind, Look, SampleKind, Source};
-use crate::pending::importers::{Endian, OpenOptions, Opened, RawLayout, SampleType};
 use anyhow::{Result, bail, ensure};
 use glam::{DAffine3, DMat3, DVec3};
+use oblate::importers::{Endian, OpenOptions, Opened, RawLayout, SampleType};
 use oblate::surfels::Mesh;
 use oblate::volumes::{GridFrame, Volume};
 use std::path::Path;
@@ -56,7 +56,7 @@ pub(crate) fn open(path: &Path, options: &FileOptions) -> Result<Opened> {
     );
     let options =
         OpenOptions { raw, spacing: options.spacing.map(DVec3::from), texture: options.texture.clone() };
-    Ok(crate::pending::importers::open(path, &options)?)
+    Ok(oblate::importers::open(path, &options)?)
 }
 
 impl From<SampleKind> for SampleType {

@@ -2,10 +2,10 @@
 
 use crate::description::{PictureOptions, Reference};
 use crate::notation::Rgba;
-use crate::pending::reference::{ReferenceKind, reference};
 use crate::progress::Console;
 use crate::stats::{FrameTimes, StageClock};
 use anyhow::{Result, ensure};
+use oblate::engine::reference::{ReferenceKind, reference};
 use oblate::engine::{Blend, Camera, FootprintForm, Frame, RenderSettings, Scene, render};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;

@@ -2,10 +2,10 @@
 
 use super::print;
 use crate::output::Output;
-use crate::pending::metrics::{Pixels, compare};
 use crate::picture::{Format, Picture, Unit, write_levels};
 use anyhow::{Result, ensure};
 use clap::Args;
+use oblate::engine::metrics::{Pixels, compare};
 use std::path::PathBuf;
 use std::process::ExitCode;
 

@@ -1,0 +1,284 @@
+//! The scene's splats in camera space, in f64.
+
+use super::ReferenceError;
+use super::gaussian::Gaussian;
+use super::integral::{Fragment, REACH};
+use super::layers::Sample;
+use super::shading::{Lighting, Spot};
+use super::view::{Ray, View};
+use crate::cloud::{Cloud, Strength};
+use crate::color::linear_to_srgb;
+use crate::scene::{Blend, RenderSettings, Scene};
+use glam::{DAffine3, DMat3, DVec3};
+use rayon::prelude::*;
+
+/// Volume kernels end at this squared Mahalanobis distance: e^{-18} of their density.
+const FAR_CUT: f64 = REACH * REACH;
+
+/// α of 1 is an infinite optical depth; the most that is drawn is this.
+const MOST_OPAQUE: f64 = 1.0 - 1e-9;
+
+/// What every ray of a picture shares.
+pub(super) struct Setup<'a> {
+    pub(super) view: View,
+    pub(super) lighting: Lighting,
+    pub(super) settings: &'a RenderSettings,
+    /// Variance of the filter that splats take up, in squared pixels.
+    pub(super) low_pass: f64,
+    pub(super) clouds: Vec<Placed<'a>>,
+    /// Whether all that is drawn are `Opacity` kernels, which are composited whole.
+    pub(super) by_centers: bool,
+}
+
+/// A cloud in camera space.
+pub(super) struct Placed<'a> {
+    cloud: &'a Cloud,
+    first_id: u32,
+    to_camera: DAffine3,
+    /// Cofactors of the linear part: the inverse transpose times |det|, finite for flat transforms too.
+    normal_to_camera: DMat3,
+    /// Sign of the determinant; −1 mirrors, and cross products with it.
+    handedness: f64,
+    volume_scale: f64,
+}
+
+/// The ball outside which a splat is nothing.
+#[derive(Clone, Copy)]
+pub(super) struct Ball {
+    pub(super) center: DVec3,
+    pub(super) radius: f64,
+    pub(super) id: u32,
+}
+
+/// A surfel or a kernel, ready for rays.
+pub(super) enum Splat<'a> {
+    Surfel(Surfel<'a>),
+    Kernel(Kernel),
+}
+
+/// A sample of a surface.
+pub(super) struct Surfel<'a> {
+    gaussian: Gaussian,
+    geometric_normal: DVec3,
+    area: f64,
+    cutoff: f64,
+    /// With the z and weight of the centre still to be replaced by a ray's.
+    prototype: Sample<'a>,
+}
+
+/// A part of a volume, shaded.
+pub(super) struct Kernel {
+    gaussian: Gaussian,
+    strength: Amplitude,
+    color: DVec3,
+    /// What `Opacity` kernels are ordered by.
+    pub(super) distance: f64,
+    pub(super) id: u32,
+}
+
+enum Amplitude {
+    Mass(f64),
+    /// Opacity where the ray passes the centre.
+    Peak(f64),
+}
+
+impl<'a> Setup<'a> {
+    pub(super) fn new(
+        scene: &'a Scene,
+        camera: &crate::camera::Camera,
+        settings: &'a RenderSettings,
+        low_pass: f64,
+    ) -> Result<Self, ReferenceError> {
+        let world_to_camera = camera.pose().world_to_camera;
+        let mut clouds = Vec::with_capacity(scene.clouds.len());
+        let mut count = 0usize;
+        for (index, cloud) in scene.clouds.iter().enumerate() {
+            let to_camera = world_to_camera * cloud.cloud_to_world();
+            let linear = to_camera.matrix3;
+            if !to_camera.is_finite() {
+                return Err(ReferenceError::Transform { cloud: index });
+            }
+            let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis];
+            let handedness = linear.determinant().signum();
+            clouds.push(Placed {
+                cloud,
+                first_id: count as u32,
+                to_camera,
+                normal_to_camera: handedness * DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)),
+                handedness,
+                volume_scale: linear.determinant().abs(),
+            });
+            count += cloud.len();
+            if count >= u32::MAX as usize {
+                return Err(ReferenceError::Count(count));
+            }
+        }
+        let opacity = |c: &Cloud| matches!(c.splats().strength, Strength::Opacity { .. });
+        Ok(Self {
+            view: View::new(camera),
+            lighting: Lighting::new(scene, world_to_camera)?,
+            settings,
+            low_pass,
+            by_centers: scene.clouds.iter().filter(|c| !c.is_empty()).all(opacity),
+            clouds,
+        })
+    }
+
+    /// Colours in the space of blending.
+    pub(super) fn encode(&self, color: [f32; 3]) -> DVec3 {
+        DVec3::from_array(match self.settings.blend {
+            Blend::Linear => color.map(f64::from),
+            Blend::Display => color.map(|c| f64::from(linear_to_srgb(c))),
+        })
+    }
+
+    /// The balls of all splats that can be seen at all.
+    pub(super) fn balls(&self) -> Vec<Ball> {
+        let of_cloud = |placed: &Placed<'a>| {
+            let (first_id, count) = (placed.first_id, placed.cloud.len() as u32);
+            (0..count)
+                .into_par_iter()
+                .filter_map(|i| self.ball(placed, i))
+                .map(move |mut ball| {
+                    ball.id += first_id;
+                    ball
+                })
+                .collect::<Vec<_>>()
+        };
+        let beyond_near = self.view.beyond_near();
+        let mut balls: Vec<Ball> = self.clouds.iter().flat_map(of_cloud).collect();
+        balls.retain(|ball| beyond_near.touches(ball.center, ball.radius));
+        balls
+    }
+
+    fn ball(&self, placed: &Placed<'_>, index: u32) -> Option<Ball> {
+        let (center, columns) = self.columns(placed, index as usize);
+        let surface = match &placed.cloud.splats().strength {
+            Strength::Surface(surface) => Some(surface),
+            _ => None,
+        };
+        if surface.is_some_and(|s| s.closed) {
+            let normal = placed.geometric_normal(&columns);
+            if normal.dot(self.view.direction(center)) >= 0.0 {
+                return None;
+            }
+        }
+        let reach = if surface.is_some() { self.settings.cutoff } else { FAR_CUT };
+        // The largest variance: at most the trace, at most the largest row sum of |Σ'| (Gershgorin).
+        let trace: f64 = columns.iter().map(|c| c.length_squared()).sum();
+        let row_sums: DVec3 = columns.iter().map(|c| c.abs() * c.abs().element_sum()).sum();
+        let variance = trace.min(row_sums.max_element()) * (1.0 + 1e-6);
+        Some(Ball { center, radius: (reach * variance).sqrt(), id: index })
+    }
+
+    /// Centre and a factor of Σ' in camera space.
+    fn columns(&self, placed: &Placed<'_>, index: usize) -> (DVec3, [DVec3; 5]) {
+        let splats = placed.cloud.splats();
+        let center = placed.to_camera.transform_point3(splats.centers[index].as_dvec3());
+        let factor = placed.to_camera.matrix3 * splats.shapes.factor(index).as_dmat3();
+        let filter = self.view.filter_at(center.z, self.low_pass);
+        let columns = [factor.x_axis, factor.y_axis, factor.z_axis, DVec3::X * filter.x, DVec3::Y * filter.y];
+        (center, columns)
+    }
+
+    /// The splat with an id, ready for rays; `None` where there is nothing to see of it.
+    pub(super) fn splat(&self, id: u32) -> Option<Splat<'a>> {
+        let placed = &self.clouds[self.clouds.partition_point(|c| c.first_id <= id) - 1];
+        let index = (id - placed.first_id) as usize;
+        let splats = placed.cloud.splats();
+        let (center, columns) = self.columns(placed, index);
+        let gaussian = Gaussian::new(center, &columns)?;
+        let color = self.encode(splats.colors[index]);
+        let normal = splats.normals.as_ref().map_or(DVec3::ZERO, |normals| {
+            (placed.normal_to_camera * normals[index].as_dvec3()).normalize_or_zero()
+        });
+        let strength = match &splats.strength {
+            Strength::Surface(surface) => {
+                let prototype = Sample {
+                    z: center.z,
+                    id,
+                    sigma: 0.0,
+                    weight: 0.0,
+                    opacity: surface.opacities.as_ref().map_or(1.0, |o| f64::from(o[index])),
+                    color,
+                    normal,
+                    material: &splats.material,
+                    depth_tolerance: f64::from(surface.depth_tolerance),
+                    coverage_floor: f64::from(surface.coverage_floor),
+                };
+                let area = f64::from(surface.areas[index]) * placed.area_scale(index);
+                let geometric_normal = placed.geometric_normal(&columns);
+                let cutoff = self.settings.cutoff;
+                return Some(Splat::Surfel(Surfel { gaussian, geometric_normal, area, cutoff, prototype }));
+            }
+            Strength::Extinction { masses } => {
+                Amplitude::Mass(f64::from(masses[index]) * placed.volume_scale)
+            }
+            Strength::Opacity { peaks } => {
+                // The filter spreads the kernel over a larger shadow and dims it by as much.
+                let direction = self.view.direction(center);
+                let [a, b, c, ..] = columns;
+                let share = match Gaussian::new(center, &[a, b, c, DVec3::ZERO, DVec3::ZERO]) {
+                    Some(bare) if self.low_pass > 0.0 && direction != DVec3::ZERO => {
+                        bare.shadow(direction) / gaussian.shadow(direction)
+                    }
+                    Some(_) => 1.0,
+                    None => 0.0,
+                };
+                Amplitude::Peak(f64::from(peaks[index]) * share)
+            }
+        };
+        let color = if self.settings.shade {
+            let spot = Spot { point: center, normal, seen_along: self.view.direction(center) };
+            self.lighting.shade(color, &splats.material, &spot)
+        } else {
+            color
+        };
+        Some(Splat::Kernel(Kernel { gaussian, strength, color, distance: self.view.distance(center), id }))
+    }
+}
+
+impl Placed<'_> {
+    /// The unit normal of the plane of a splat's first two half-axes; zero for a needle.
+    fn geometric_normal(&self, columns: &[DVec3; 5]) -> DVec3 {
+        self.handedness * columns[0].cross(columns[1]).normalize_or_zero()
+    }
+
+    /// How the transform scales areas in a splat's plane.
+    fn area_scale(&self, index: usize) -> f64 {
+        let factor = self.cloud.splats().shapes.factor(index).as_dmat3();
+        let normal = factor.x_axis.cross(factor.y_axis).normalize_or_zero();
+        // Cofactors map area vectors.
+        (self.normal_to_camera * normal).length()
+    }
+}
+
+impl<'a> Surfel<'a> {
+    /// The sample that a ray takes. Samples end at the cut-off, and what they lose there is given back.
+    pub(super) fn sample(&self, ray: &Ray, near: f64) -> Option<Sample<'a>> {
+        let profile = self.gaussian.along(ray);
+        if profile.r > self.cutoff || profile.z < near {
+            return None;
+        }
+        let cosine = self.geometric_normal.dot(ray.direction).abs() / ray.direction.length();
+        let kept = -(-0.5 * self.cutoff).exp_m1();
+        let weight = self.area * profile.integral * cosine / kept;
+        let sample = Sample { z: profile.z, sigma: profile.sigma, weight, ..self.prototype };
+        (weight > 0.0).then_some(sample)
+    }
+}
+
+impl Kernel {
+    /// The kernel along a ray.
+    pub(super) fn fragment(&self, ray: &Ray) -> Option<Fragment> {
+        let profile = self.gaussian.along(ray);
+        if profile.r > FAR_CUT {
+            return None;
+        }
+        let optical_depth = match self.strength {
+            Amplitude::Mass(mass) => mass * profile.integral,
+            Amplitude::Peak(peak) => -(-(peak * (-0.5 * profile.r).exp()).min(MOST_OPAQUE)).ln_1p(),
+        };
+        Some(Fragment { z: profile.z, sigma: profile.sigma, optical_depth, color: self.color })
+    }
+}

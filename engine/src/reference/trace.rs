@@ -1,0 +1,119 @@
+//! One ray through a block's splats.
+
+use super::integral::{Fragment, March, NormalDistribution, OPAQUE, STEPS_PER_SIGMA};
+use super::layers::{Layer, Sample, layers};
+use super::shading::Spot;
+use super::splats::{Kernel, Setup, Splat, Surfel};
+use super::view::Ray;
+use glam::DVec3;
+
+/// What was seen so far along a ray; everything is premultiplied.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Path {
+    pub(super) color: DVec3,
+    /// Depths times their contributions.
+    pub(super) z: f64,
+    pub(super) transmittance: f64,
+}
+
+impl Path {
+    pub(super) fn new() -> Self {
+        Self { color: DVec3::ZERO, z: 0.0, transmittance: 1.0 }
+    }
+
+    /// Puts something flat behind all that is there.
+    fn over(&mut self, alpha: f64, color: DVec3, z: f64) {
+        let contribution = self.transmittance * alpha;
+        self.color += contribution * color;
+        self.z += contribution * z;
+        self.transmittance *= 1.0 - alpha;
+    }
+}
+
+/// The first surface of a ray.
+#[derive(Clone, Copy)]
+pub(super) struct FirstSurface {
+    pub(super) z: f64,
+    pub(super) id: u32,
+    /// In camera space, any length.
+    pub(super) normal: DVec3,
+}
+
+/// The splats that rays of one block can meet, and room to work in.
+pub(super) struct Tracer<'s, 'a> {
+    setup: &'s Setup<'a>,
+    normal: &'s NormalDistribution,
+    surfels: Vec<Surfel<'a>>,
+    kernels: Vec<Kernel>,
+    samples: Vec<Sample<'a>>,
+    fragments: Vec<Fragment>,
+}
+
+impl<'s, 'a> Tracer<'s, 'a> {
+    pub(super) fn new(
+        setup: &'s Setup<'a>,
+        normal: &'s NormalDistribution,
+        splats: impl Iterator<Item = Splat<'a>>,
+    ) -> Self {
+        let (mut surfels, mut kernels) = (Vec::new(), Vec::new());
+        for splat in splats {
+            match splat {
+                Splat::Surfel(surfel) => surfels.push(surfel),
+                Splat::Kernel(kernel) => kernels.push(kernel),
+            }
+        }
+        if setup.by_centers {
+            kernels.sort_by(|a, b| a.distance.total_cmp(&b.distance).then(a.id.cmp(&b.id)));
+        }
+        Self { setup, normal, surfels, kernels, samples: Vec::new(), fragments: Vec::new() }
+    }
+
+    /// What is seen along a ray, and its first surface.
+    pub(super) fn trace(&mut self, ray: &Ray) -> (Path, Option<FirstSurface>) {
+        let near = self.setup.view.near;
+        self.fragments.clear();
+        self.fragments.extend(self.kernels.iter().filter_map(|k| k.fragment(ray)));
+        let mut path = Path::new();
+        if self.setup.by_centers {
+            for f in &self.fragments {
+                let share = self.normal.at((f.z - near) / f.sigma);
+                path.over(-(-share * f.optical_depth).exp_m1(), f.color, f.z.max(near));
+            }
+            return (path, None);
+        }
+        self.take_samples(ray);
+        let mut march = March::new(self.normal, &mut self.fragments, near, STEPS_PER_SIGMA);
+        let mut first = None;
+        for layer in layers(&mut self.samples) {
+            first.get_or_insert(FirstSurface { z: layer.z, id: layer.id, normal: layer.normal });
+            march.advance(layer.z, &mut path);
+            path.over(layer.alpha, shaded(self.setup, &layer, ray), layer.z);
+            if path.transmittance <= OPAQUE {
+                break;
+            }
+        }
+        march.advance(f64::INFINITY, &mut path);
+        (path, first)
+    }
+
+    /// The first surface of a ray.
+    pub(super) fn first_surface(&mut self, ray: &Ray) -> Option<FirstSurface> {
+        self.take_samples(ray);
+        let layer = layers(&mut self.samples).next()?;
+        Some(FirstSurface { z: layer.z, id: layer.id, normal: layer.normal })
+    }
+
+    fn take_samples(&mut self, ray: &Ray) {
+        let near = self.setup.view.near;
+        self.samples.clear();
+        self.samples.extend(self.surfels.iter().filter_map(|s| s.sample(ray, near)));
+    }
+}
+
+fn shaded(setup: &Setup<'_>, layer: &Layer<'_>, ray: &Ray) -> DVec3 {
+    if !setup.settings.shade {
+        return layer.color;
+    }
+    let spot = Spot { point: ray.at(layer.z), normal: layer.normal, seen_along: ray.direction };
+    setup.lighting.shade(layer.color, layer.material, &spot)
+}
