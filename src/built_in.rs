@@ -2,7 +2,7 @@
 //! half transparent with the surfaces of its organs inside.
 
 use crate::content::{Body, Item, placed_mesh};
-use crate::description::{CameraOptions, Description, Look};
+use crate::description::{Description, Look, PictureOptions};
 use crate::notation::Rgba;
 use crate::progress::Console;
 use anyhow::Result;
@@ -15,13 +15,20 @@ use std::sync::Arc;
 /// Samples along a side of the phantom.
 const SAMPLES: usize = 160;
 
-/// Camera and lights.
+/// Its lights and what is behind it; the camera is framed.
 pub(crate) fn description() -> Description {
-    Description { camera: CameraOptions::default(), lights: lights(), ..Description::default() }
+    let background = Some(Rgba::from_bytes([0x16, 0x1a, 0x20, 0xff]));
+    let picture = PictureOptions { background, ..PictureOptions::default() };
+    Description { picture, lights: lights(), ..Description::default() }
 }
 
+/// Warm from the upper left, cool from the right, a little from everywhere.
 fn lights() -> Vec<Light> {
-    Vec::new()
+    vec![
+        Light::Ambient { color: [0.45, 0.5, 0.6] },
+        Light::Directional { towards: DVec3::new(-0.6, -0.9, 1.3), color: [1.15, 1.05, 0.9] },
+        Light::Directional { towards: DVec3::new(1.0, -0.4, 0.1), color: [0.18, 0.25, 0.4] },
+    ]
 }
 
 /// What is in it.
@@ -58,20 +65,39 @@ fn inner(phantom: &Volume) -> Result<Volume> {
     Ok(Volume::new(phantom.dims(), Voxels::F32(values.collect()), phantom.frame())?)
 }
 
+/// A trefoil around the phantom, through its temples, coloured from gold to violet.
 fn knot() -> Mesh {
-    let mut knot = primitives::torus_knot(2, 3, 0.16, [600, 64]);
+    let mut knot = primitives::torus_knot(2, 3, 0.17, [720, 72]);
+    // The texture's u runs along the knot; colours change with the place on it.
+    let along = knot.tex_coords.iter().flatten().map(|t| f64::from(t.x));
+    let length = along.clone().fold(1.0, f64::max);
+    knot.colors = Some(along.map(|u| gradient(u / length)).collect());
     knot.material = BaseColor { factor: Vec4::ONE, texture: Some(Arc::new(checker())) };
-    let upright = DAffine3::from_mat3(DMat3::from_rotation_x(std::f64::consts::FRAC_PI_2));
+    // Upright, and turned so that it leaves a window to the organs.
+    let rotation = DMat3::from_rotation_z(0.7) * DMat3::from_rotation_x(std::f64::consts::FRAC_PI_2);
+    let upright = DAffine3::from_mat3(rotation * DMat3::from_diagonal(DVec3::splat(0.88)));
     placed_mesh(Mesh { primitives: vec![knot] }, upright)
 }
 
-/// A checker of two colours.
+/// Gold, vermilion, violet and back as `turn` goes from 0 to 1.
+fn gradient(turn: f64) -> Vec4 {
+    let stops = [[0xf2, 0xb1, 0x34], [0xe0, 0x4f, 0x2e], [0x8e, 0x3b, 0x8a]];
+    let place = turn.rem_euclid(1.0) * 3.0;
+    let color = |i: usize| {
+        let [r, g, b] = stops[i % 3];
+        Vec4::from(Rgba::from_bytes([r, g, b, 0xff]).0)
+    };
+    color(place as usize).lerp(color(place as usize + 1), place.fract() as f32)
+}
+
+/// Light squares and darker ones.
 fn checker() -> Texture {
-    const SIDE: usize = 64;
+    const SIDE: usize = 256;
     let texels = (0..SIDE * SIDE)
         .map(|i| {
-            let (x, y) = (i % SIDE * 4 / SIDE, i / SIDE * 4 / SIDE);
-            if (x + y) % 2 == 0 { [0xe8, 0xdc, 0xc0, 0xff] } else { [0x2a, 0x6f, 0x97, 0xff] }
+            let (x, y) = (i % SIDE, i / SIDE);
+            let light = (x * 4 / SIDE + y * 4 / SIDE).is_multiple_of(2);
+            if light { [0xff, 0xff, 0xff, 0xff] } else { [0xac, 0x9e, 0xa4, 0xff] }
         })
         .collect();
     Texture { width: SIDE, height: SIDE, texels, wrap: [Wrap::Repeat; 2] }

@@ -55,20 +55,19 @@ pub(crate) fn run(args: &CompareArgs) -> Result<ExitCode> {
     let pixels = |values| Pixels { width: a.width, height: a.height, channels, values };
     let metrics = compare(pixels(&a_values), pixels(&b_values))?;
 
-    let (scale, unit) = match a.unit {
-        Unit::Levels => (255.0, "levels"),
-        Unit::Linear => (1.0, "linear"),
+    let (shown, unit): (fn(f64) -> f32, _) = match a.unit {
+        // 16 bits resolve 1/257 of a level; what is finer comes from levels as f32.
+        Unit::Levels => (|e| (e * 255.0 * 1e4).round() as f32 / 1e4, "levels"),
+        Unit::Linear => (|e| e as f32, "linear"),
     };
-    // Six digits are more than f32 pictures hold; they take the rounding of levels to f32 out.
-    let error = |e: f64| (e * scale * 1e6).round() / 1e6;
-    let largest = error(metrics.max_error);
+    let largest = shown(metrics.max_error);
     print(&format!(
         "PSNR {:.2} dB\nSSIM {:.6}\nlargest error {largest} {unit}\n99.9 % error {} {unit}\n\
          mean error {} {unit}\n",
         metrics.psnr_db,
         metrics.ssim,
-        error(metrics.p999_error),
-        error(metrics.mean_error),
+        shown(metrics.p999_error),
+        shown(metrics.mean_error),
     ))?;
     if let Some(output) = diff {
         let white = if metrics.max_error > 0.0 { metrics.max_error as f32 } else { 1.0 };
@@ -81,7 +80,7 @@ pub(crate) fn run(args: &CompareArgs) -> Result<ExitCode> {
         output.finish(|file| write_levels([a.width, a.height], &levels, file))?;
     }
     match args.max {
-        Some(max) if largest > max => {
+        Some(max) if f64::from(largest) > max => {
             eprintln!("the largest error, {largest} {unit}, is beyond {max}");
             Ok(ExitCode::from(1))
         }

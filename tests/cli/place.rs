@@ -1,5 +1,4 @@
 //! What the tests of the binary share: a place to work in and small files to draw.
-#![allow(dead_code, reason = "not every test uses every part")]
 
 use assert_cmd::Command;
 use assert_cmd::cargo::cargo_bin_cmd;
@@ -7,25 +6,25 @@ use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
 /// A folder of its own, gone when dropped.
-pub struct Workplace(TempDir);
+pub(crate) struct Workplace(TempDir);
 
 impl Workplace {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self(TempDir::new().unwrap())
     }
 
-    pub fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
     }
 
-    pub fn write(&self, name: &str, contents: impl AsRef<[u8]>) -> PathBuf {
+    pub(crate) fn write(&self, name: &str, contents: impl AsRef<[u8]>) -> PathBuf {
         let path = self.path(name);
         std::fs::write(&path, contents).unwrap();
         path
     }
 
     /// The names of all files, sorted.
-    pub fn files(&self) -> Vec<String> {
+    pub(crate) fn files(&self) -> Vec<String> {
         let names = std::fs::read_dir(self.0.path()).unwrap();
         let mut names: Vec<String> =
             names.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
@@ -34,14 +33,14 @@ impl Workplace {
     }
 
     /// `oblate` with this folder as its own.
-    pub fn oblate(&self, args: &[&str]) -> Command {
+    pub(crate) fn oblate(&self, args: &[&str]) -> Command {
         let mut command = cargo_bin_cmd!("oblate");
         command.current_dir(self.0.path()).args(args);
         command
     }
 
     /// Runs `oblate`, which must succeed; gives standard output and standard error.
-    pub fn run(&self, args: &[&str]) -> [String; 2] {
+    pub(crate) fn run(&self, args: &[&str]) -> [String; 2] {
         let output = self.oblate(args).output().unwrap();
         let [out, err] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
         assert!(output.status.success(), "oblate {}: {err}", args.join(" "));
@@ -49,7 +48,7 @@ impl Workplace {
     }
 
     /// Runs `oblate`, which must refuse with 2; gives what it says.
-    pub fn refusal(&self, args: &[&str]) -> String {
+    pub(crate) fn refusal(&self, args: &[&str]) -> String {
         let output = self.oblate(args).output().unwrap();
         let err = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(2), "oblate {}: {err}", args.join(" "));
@@ -58,7 +57,7 @@ impl Workplace {
     }
 
     /// A cube from −1 to 1.
-    pub fn cube(&self) -> PathBuf {
+    pub(crate) fn cube(&self) -> PathBuf {
         self.write(
             "cube.obj",
             "v -1 -1 -1\nv 1 -1 -1\nv 1 1 -1\nv -1 1 -1\nv -1 -1 1\nv 1 -1 1\nv 1 1 1\nv -1 1 1\n\
@@ -67,7 +66,7 @@ impl Workplace {
     }
 
     /// A ball of radius 6 in 16³ bytes: 200 in its middle, falling by 25 a voxel.
-    pub fn ball(&self) -> PathBuf {
+    pub(crate) fn ball(&self) -> PathBuf {
         let value = |i: usize| {
             let [x, y, z] = [i % 16, i / 16 % 16, i / 256].map(|n| n as f64 - 7.5);
             (200.0 - 25.0 * (x * x + y * y + z * z).sqrt()).max(0.0) as u8
@@ -77,12 +76,12 @@ impl Workplace {
 }
 
 /// The pixels of a PNG as 8-bit levels.
-pub fn levels(path: &Path) -> image::RgbaImage {
+pub(crate) fn levels(path: &Path) -> image::RgbaImage {
     image::open(path).unwrap().into_rgba8()
 }
 
 /// Mean of the red channel.
-pub fn brightness(path: &Path) -> f64 {
+pub(crate) fn brightness(path: &Path) -> f64 {
     let picture = levels(path);
     picture.pixels().map(|p| f64::from(p[0])).sum::<f64>() / f64::from(picture.width() * picture.height())
 }

@@ -1,8 +1,6 @@
 //! What the command line takes and refuses.
 
-mod common;
-
-use common::Workplace;
+use crate::place::Workplace;
 
 #[test]
 fn help_lists_every_option_with_its_default() {

@@ -1,8 +1,6 @@
 //! Scene files through the binary.
 
-mod common;
-
-use common::{Workplace, levels};
+use crate::place::{Workplace, levels};
 use std::path::Path;
 
 #[test]

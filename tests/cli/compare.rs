@@ -1,8 +1,6 @@
 //! `oblate compare` on pictures whose differences are known.
 
-mod common;
-
-use common::{Workplace, levels};
+use crate::place::{Workplace, levels};
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
 
 fn grey(place: &Workplace, name: &str, size: u32, level: u8) {
