@@ -14,7 +14,7 @@ pub struct Frame {
     /// Mean z of what is seen, weighted by its contribution, the background left out; infinity where
     /// nothing is seen.
     pub expected_depth: Vec<f32>,
-    /// Unit normal of the first surface layer in the world; zero where there is none.
+    /// Unit normal of the first surface layer in the world, on the side that is seen; zero where there is none.
     pub normal: Vec<[f32; 3]>,
     /// Id of the front-most surface splat, counted through the scene's clouds; [`Frame::NO_ID`] where
     /// there is none.

@@ -131,15 +131,10 @@ impl<'a> LayerBuilder<'a> {
         }
         let record = &self.records.records[sample.record as usize];
         let surface = &self.records.surface_samples[sample.record as usize];
-        // The two sides of a sheet may differ in orientation; a mean needs one.
-        let mut normal = Vec3::from(surface.normal);
-        if normal.dot(layer.normal) < 0.0 {
-            normal = -normal;
-        }
         layer.weight += sample.weight;
         layer.opacity += sample.weight * surface.opacity;
         layer.depth += sample.weight * (sample.depth - first.depth);
-        layer.normal += normal * sample.weight;
+        layer.normal += Vec3::from(surface.normal) * sample.weight;
         layer.color += Vec3::from(record.color) * sample.weight;
         true
     }

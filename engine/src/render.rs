@@ -11,8 +11,9 @@ use crate::observer::{Counts, Observer, Stage};
 use crate::order::by_distance;
 use crate::raster::{Fragments, Rasterizer, Sample, Tile};
 use crate::resolve::{Pixel, Resolver, store};
-use crate::scene::{RenderSettings, Scene};
+use crate::scene::{Light, RenderSettings, Scene};
 use crate::shade::Shader;
+use glam::DVec3;
 use rayon::prelude::*;
 use thiserror::Error;
 
@@ -28,6 +29,14 @@ pub enum RenderError {
         value: f64,
         /// What would be right.
         expected: &'static str,
+    },
+    /// A light is not finite or points nowhere.
+    #[error("light {index} is {light:?}; its numbers must be finite and its direction not zero")]
+    Light {
+        /// Its number in the scene.
+        index: usize,
+        /// The light.
+        light: Light,
     },
     /// More clouds or splats than ids can name.
     #[error("the scene has {clouds} clouds with {splats} splats; at most 65535 and 4294967294 can be named")]
@@ -98,6 +107,17 @@ fn validate(scene: &Scene, settings: &RenderSettings) -> Result<usize, RenderErr
     check("cut-off", cutoff, cutoff > 0.0 && cutoff <= 100.0, "it must be above 0 and at most 100")?;
     for value in settings.background.map(f64::from) {
         check("background", value, value.is_finite(), "it must be finite")?;
+    }
+    for (index, light) in scene.lights.iter().enumerate() {
+        let (place, color) = match *light {
+            Light::Ambient { color } => (DVec3::ONE, color),
+            Light::Directional { towards, color } => (towards.normalize_or_zero(), color),
+            Light::Point { position, color } => (position, color),
+        };
+        let points_nowhere = matches!(light, Light::Directional { .. }) && place == DVec3::ZERO;
+        if !place.is_finite() || points_nowhere || color.iter().any(|c| !c.is_finite()) {
+            return Err(RenderError::Light { index, light: *light });
+        }
     }
     let (clouds, splats) = (scene.clouds.len(), scene.clouds.iter().map(|cloud| cloud.len()).sum());
     if clouds > usize::from(u16::MAX) || splats >= u32::MAX as usize {

@@ -1,5 +1,7 @@
 //! Scenes whose picture is a number.
 
+#![allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
+
 mod scenes;
 
 use glam::{DMat3, DVec3, Vec3};

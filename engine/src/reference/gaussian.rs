@@ -17,7 +17,7 @@ const THICKNESS: f64 = 1e-6;
 /// A Gaussian in camera space.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Gaussian {
-    center: DVec3,
+    pub(super) center: DVec3,
     whiten: DMat3,
     root_determinant: f64,
 }

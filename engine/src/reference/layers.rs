@@ -10,6 +10,8 @@ const MOST_LAYERS: usize = 4;
 #[derive(Clone, Copy)]
 pub(super) struct Sample<'a> {
     pub(super) z: f64,
+    /// Where its plane meets the ray, no farther from `z` than a steep slope takes it.
+    pub(super) plane_z: f64,
     pub(super) id: u32,
     /// Spread of z inside the pixel's filter.
     pub(super) sigma: f64,
@@ -24,6 +26,12 @@ pub(super) struct Sample<'a> {
     pub(super) coverage_floor: f64,
 }
 
+impl Sample<'_> {
+    fn coverage(&self) -> f64 {
+        self.weight / self.coverage_floor
+    }
+}
+
 /// A sheet that a ray passes at one depth.
 #[derive(Clone, Copy)]
 pub(super) struct Layer<'a> {
@@ -36,27 +44,30 @@ pub(super) struct Layer<'a> {
     pub(super) material: &'a Material,
 }
 
-/// Sorts the samples by (z, id) and yields the layers, front to back. A layer takes the samples that are
-/// within its first sample's tolerance plus three of its σ behind the first; means are weighted by coverage.
-pub(super) fn layers<'a, 's>(samples: &'s mut [Sample<'a>]) -> impl Iterator<Item = Layer<'a>> + use<'a, 's> {
+/// Yields the layers of the samples, front to back. A sample spans the depths between itself and its plane. A
+/// layer's first sample is the nearest (equal depths: the lowest id); it takes each sample whose span begins
+/// within the first one's tolerance plus three of the sample's own σ behind the end of the first one's span.
+/// Means are weighted by coverage over its floor.
+pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Layer<'a>> + use<'a> {
     samples.sort_by(|a, b| a.z.total_cmp(&b.z).then(a.id.cmp(&b.id)));
-    let mut left = &*samples;
+    let mut left = samples.to_vec();
+    let mut nearest = f64::NEG_INFINITY;
     (1..=MOST_LAYERS).map_while(move |number| {
-        let first = left.first()?;
-        let end = first.z + first.depth_tolerance + 3.0 * first.sigma;
-        let count = match number {
-            MOST_LAYERS => left.len(),
-            _ => left.iter().take_while(|s| s.z <= end).count().max(1),
-        };
-        let (taken, behind) = left.split_at(count);
+        let first = *left.first()?;
+        let end = first.z.max(first.plane_z) + first.depth_tolerance;
+        let belongs = |s: &Sample<'_>| number == MOST_LAYERS || s.z.min(s.plane_z) <= end + 3.0 * s.sigma;
+        let (taken, behind): (Vec<_>, Vec<_>) = left.iter().partition(|s| belongs(s));
         left = behind;
-        let total: f64 = taken.iter().map(|s| s.weight).sum();
+        let total: f64 = taken.iter().map(|s| s.coverage()).sum();
         let mean = |value: fn(&Sample<'_>) -> DVec3| -> DVec3 {
-            taken.iter().map(|s| s.weight * value(s)).sum::<DVec3>() / total
+            taken.iter().map(|s| s.coverage() * value(s)).sum::<DVec3>() / total
         };
-        let covered: f64 = taken.iter().map(|s| s.opacity * s.weight / s.coverage_floor).sum();
+        let covered: f64 = taken.iter().map(|s| s.opacity * s.coverage()).sum();
+        let mean_z = first.z + taken.iter().map(|s| s.coverage() * (s.z - first.z)).sum::<f64>() / total;
+        // Spans that interleave may have means out of order.
+        nearest = mean_z.max(nearest);
         Some(Layer {
-            z: first.z + taken.iter().map(|s| s.weight * (s.z - first.z)).sum::<f64>() / total,
+            z: nearest,
             id: first.id,
             alpha: covered.min(1.0),
             color: mean(|s| s.color),

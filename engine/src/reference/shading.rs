@@ -65,8 +65,8 @@ impl Lighting {
         Ok(lighting)
     }
 
-    /// The colour that leaves a spot towards the eye. Without a normal all light is returned diffusely
-    /// whatever its direction, and nothing is mirrored.
+    /// The colour that leaves a spot towards the eye. Without a normal only ambient light is
+    /// returned.
     pub(super) fn shade(&self, color: DVec3, material: &Material, spot: &Spot) -> DVec3 {
         let [ambient, diffuse, specular, exponent] =
             [material.ambient, material.diffuse, material.specular, material.exponent].map(f64::from);
@@ -79,9 +79,7 @@ impl Lighting {
                 Place::Infinite(towards) => towards,
                 Place::At(position) => (position - spot.point).normalize_or_zero(),
             };
-            if normal == DVec3::ZERO {
-                scattered += lamp.color;
-            } else if normal.dot(towards) > 0.0 {
+            if normal.dot(towards) > 0.0 {
                 scattered += lamp.color * normal.dot(towards);
                 let half_way = (towards + view).normalize_or_zero();
                 mirrored += lamp.color * normal.dot(half_way).max(0.0).powf(exponent);

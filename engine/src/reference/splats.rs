@@ -18,6 +18,9 @@ const FAR_CUT: f64 = REACH * REACH;
 /// α of 1 is an infinite optical depth; the most that is drawn is this.
 const MOST_OPAQUE: f64 = 1.0 - 1e-9;
 
+/// The steepest slope dz/dx that a surfel's plane is followed along: 88°.
+const STEEPEST: f64 = 30.0;
+
 /// What every ray of a picture shares.
 pub(super) struct Setup<'a> {
     pub(super) view: View,
@@ -62,6 +65,8 @@ pub(super) struct Surfel<'a> {
     geometric_normal: DVec3,
     area: f64,
     cutoff: f64,
+    /// How far from a sample its plane is followed.
+    plane_reach: f64,
     /// With the z and weight of the centre still to be replaced by a ray's.
     prototype: Sample<'a>,
 }
@@ -194,22 +199,29 @@ impl<'a> Setup<'a> {
         });
         let strength = match &splats.strength {
             Strength::Surface(surface) => {
+                let area = f64::from(surface.areas[index]) * placed.area_scale(index);
+                let geometric_normal = placed.geometric_normal(&columns);
+                let own = if normal == DVec3::ZERO { geometric_normal } else { normal };
+                // A surface that turns its back shows its other side.
+                let away = geometric_normal.dot(self.view.direction(center)) > 0.0;
                 let prototype = Sample {
                     z: center.z,
+                    plane_z: center.z,
                     id,
                     sigma: 0.0,
                     weight: 0.0,
                     opacity: surface.opacities.as_ref().map_or(1.0, |o| f64::from(o[index])),
                     color,
-                    normal,
+                    normal: if away { -own } else { own },
                     material: &splats.material,
                     depth_tolerance: f64::from(surface.depth_tolerance),
                     coverage_floor: f64::from(surface.coverage_floor),
                 };
-                let area = f64::from(surface.areas[index]) * placed.area_scale(index);
-                let geometric_normal = placed.geometric_normal(&columns);
                 let cutoff = self.settings.cutoff;
-                return Some(Splat::Surfel(Surfel { gaussian, geometric_normal, area, cutoff, prototype }));
+                let filter = self.view.filter_at(center.z, self.low_pass).max_element();
+                let plane_reach = STEEPEST * cutoff.sqrt() * filter;
+                let surfel = Surfel { gaussian, geometric_normal, area, cutoff, plane_reach, prototype };
+                return Some(Splat::Surfel(surfel));
             }
             Strength::Extinction { masses } => {
                 Amplitude::Mass(f64::from(masses[index]) * placed.volume_scale)
@@ -263,7 +275,10 @@ impl<'a> Surfel<'a> {
         let cosine = self.geometric_normal.dot(ray.direction).abs() / ray.direction.length();
         let kept = -(-0.5 * self.cutoff).exp_m1();
         let weight = self.area * profile.integral * cosine / kept;
-        let sample = Sample { z: profile.z, sigma: profile.sigma, weight, ..self.prototype };
+        let normal = self.geometric_normal;
+        let on_plane = normal.dot(self.gaussian.center - ray.origin) / normal.dot(ray.direction);
+        let plane_z = on_plane.max(profile.z - self.plane_reach).min(profile.z + self.plane_reach);
+        let sample = Sample { z: profile.z, plane_z, sigma: profile.sigma, weight, ..self.prototype };
         (weight > 0.0).then_some(sample)
     }
 }

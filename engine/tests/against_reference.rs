@@ -1,0 +1,164 @@
+//! The rasterizer against the two references on five small mixed scenes, with stated figures.
+//!
+//! R1 has the rasterizer's filter and integrates what overlaps: what is left is order (`Centers` composites
+//! overlapping kernels one after the other), cut-off and rounding. R2 has no filter but many rays a pixel:
+//! against it the filtering of optical depth instead of opacity shows at dense silhouettes.
+
+#![allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
+
+mod scenes;
+
+use glam::{DVec3, Mat3, Vec3};
+use oblate_engine::cloud::oblate_factor;
+use oblate_engine::{
+    Camera, Cloud, Frame, Light, Material, Metrics, Pixels, ReferenceKind, RenderSettings, Scene, Shapes,
+    Splats, Strength, compare, reference, render,
+};
+use scenes::*;
+
+struct Case {
+    name: &'static str,
+    scene: Scene,
+    camera: Camera,
+    /// PSNR in dB against R1 and R2, the largest error of a channel against R1 at 99.9 % of the pixels.
+    bounds: [f64; 3],
+}
+
+fn unlit(clouds: Vec<Cloud>) -> Scene {
+    Scene { clouds, lights: Vec::new() }
+}
+
+/// A bumpy ball of differently coloured kernels, thick enough to hide its far side.
+fn cloudlet(density: f64) -> Cloud {
+    let mut centers = Vec::new();
+    let mut colors = Vec::new();
+    let mut normals = Vec::new();
+    for k in -7..=7 {
+        for j in -7..=7 {
+            for i in -7..=7 {
+                let p = Vec3::new(i as f32, j as f32, k as f32) * 0.15;
+                if p.length() < 1.0 {
+                    centers.push(p);
+                    colors.push([0.5 + p.x * 0.5, 0.5 + p.y * 0.5, 0.5 - p.z * 0.5]);
+                    normals.push(p.normalize_or_zero());
+                }
+            }
+        }
+    }
+    let count = centers.len();
+    Cloud::new(Splats {
+        centers,
+        shapes: Shapes::Shared(Mat3::from_diagonal(Vec3::splat(0.7 * 0.15))),
+        strength: Strength::Extinction { masses: vec![(density * 0.15f64.powi(3)) as f32; count] },
+        colors,
+        normals: Some(normals),
+        material: Material::default(),
+    })
+    .unwrap()
+}
+
+/// A few elongated kernels with opacities, as trained scenes have them.
+fn trained() -> Cloud {
+    let count = 40;
+    let at = |i: usize| {
+        let t = i as f32 * 2.399;
+        Vec3::new(t.cos(), (i as f32 / count as f32 - 0.5) * 2.0, t.sin()) * 0.9
+    };
+    Cloud::new(Splats {
+        centers: (0..count).map(at).collect(),
+        shapes: Shapes::Each(
+            (0..count)
+                .map(|i| oblate_factor(at(i), 0.15 + 0.05 * (i % 3) as f32, 2.0 + (i % 4) as f32))
+                .collect(),
+        ),
+        strength: Strength::Opacity { peaks: (0..count).map(|i| 0.3 + 0.1 * (i % 6) as f32).collect() },
+        colors: (0..count).map(|i| [(i % 2) as f32, (i % 3) as f32 / 2.0, (i % 5) as f32 / 4.0]).collect(),
+        normals: None,
+        material: Material::UNLIT,
+    })
+    .unwrap()
+}
+
+fn cases() -> Vec<Case> {
+    let view = looking_from(DVec3::new(2.5, 2.0, -4.5), 40);
+    let shifted = |cloud: Cloud, x: f64, y: f64, z: f64| cloud.transformed(tilted(0.0, DVec3::new(x, y, z)));
+    let small_plane = || plane(40, 0.08, [0.9, 0.8, 0.2]);
+    vec![
+        Case {
+            name: "fog around an opaque ball",
+            scene: unlit(vec![
+                fog([15; 3], DVec3::splat(0.19), 0.5, [0.3, 0.5, 0.9]),
+                sphere(2000, 0.7, [0.9, 0.4, 0.1]),
+            ]),
+            camera: view,
+            bounds: [75.0, 48.0, 0.002],
+        },
+        Case {
+            name: "a shaded cloud cut by a tilted plane",
+            scene: unlit(vec![cloudlet(6.0), small_plane().transformed(tilted(70.0, DVec3::ZERO))]),
+            camera: view,
+            bounds: [44.0, 42.0, 0.025],
+        },
+        Case {
+            name: "two clouds that overlap, lit by a point",
+            scene: Scene {
+                clouds: vec![shifted(cloudlet(3.0), -0.4, 0.0, 0.0), shifted(cloudlet(8.0), 0.5, 0.2, 0.3)],
+                lights: vec![
+                    Light::Ambient { color: [0.4; 3] },
+                    Light::Point { position: DVec3::new(2.0, 3.0, -1.0), color: [1.0, 0.9, 0.8] },
+                ],
+            },
+            camera: view,
+            bounds: [47.0, 45.0, 0.02],
+        },
+        Case {
+            name: "trained kernels around a ball in fog",
+            scene: unlit(vec![
+                trained(),
+                sphere(2000, 0.5, [0.8; 3]),
+                fog([12; 3], DVec3::splat(0.2), 0.2, [0.1, 0.3, 0.2]),
+            ]),
+            camera: view,
+            bounds: [42.0, 40.0, 0.06],
+        },
+        Case {
+            name: "surfaces one behind the other",
+            scene: unlit(vec![
+                shifted(small_plane(), 0.8, 0.0, -1.0),
+                sphere(2000, 0.8, [0.2, 0.6, 0.9]),
+                shifted(plane(60, 0.08, [0.7; 3]), 0.0, 0.0, 1.5),
+            ]),
+            camera: view,
+            bounds: [75.0, 55.0, 0.002],
+        },
+    ]
+}
+
+fn pixels(frame: &Frame) -> Vec<f32> {
+    frame.color.iter().flatten().copied().collect()
+}
+
+fn metrics(a: &Frame, b: &Frame) -> Metrics {
+    let (left, right) = (pixels(a), pixels(b));
+    let picture = |values| Pixels { width: a.width, height: a.height, channels: 4, values };
+    compare(picture(&left), picture(&right)).unwrap()
+}
+
+#[test]
+fn five_scenes_agree_with_both_references() {
+    let settings = RenderSettings { background: [0.05, 0.05, 0.08, 1.0], ..RenderSettings::default() };
+    for Case { name, scene, camera, bounds } in cases() {
+        let frame = render(&scene, &camera, &settings, &()).unwrap();
+        let references = [ReferenceKind::R1, ReferenceKind::R2 { samples: 32 }]
+            .map(|kind| reference(&scene, &camera, &settings, kind, &|_| ()).unwrap());
+        let [r1, r2] = references.each_ref().map(|other| metrics(&frame, other));
+        println!(
+            "{name}: R1 {:.1} dB, 99.9 % {:.4}, largest {:.4}; R2 {:.1} dB",
+            r1.psnr_db, r1.p999_error, r1.max_error, r2.psnr_db
+        );
+        let lit = frame.color.iter().filter(|p| p[0] > 0.1).count();
+        assert!(lit > 200, "{name}: only {lit} pixels show anything");
+        assert!(r1.psnr_db >= bounds[0] && r2.psnr_db >= bounds[1], "{name}: {r1:?}, {r2:?}");
+        assert!(r1.p999_error <= bounds[2], "{name}: {r1:?}");
+    }
+}
