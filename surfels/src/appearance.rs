@@ -56,7 +56,7 @@ impl<'a> Appearance<'a> {
         }
         if let (Some(pyramid), Some(coords)) = (pyramid, &primitive.tex_coords) {
             let coords = vertices.map(|v| coords[v]);
-            let share_of_facet = points.normal_and_area(point).1 / facet.area;
+            let share_of_facet = points.areas[point] / facet.area;
             let at = coords[0] * shares.x + coords[1] * shares.y + coords[2] * shares.z;
             color *= pyramid.sample(at, texels(coords, pyramid.size()) * share_of_facet);
         }

@@ -67,9 +67,14 @@ pub enum SampleError {
         value: f64,
     },
     /// More triangles than can be held.
-    #[error("{0} triangles; at most 4294967294 can be sampled")]
+    #[error("{0} triangles; at most 2147483647 can be sampled")]
     Triangles(usize),
-    /// The surfels are not a cloud: sizes that single precision cannot hold.
-    #[error("the surfels cannot be stored in single precision: {0}")]
+    /// Surfels whose areas single precision cannot hold.
+    #[error(
+        "surfels {0:e} apart have areas beyond single precision; scale the mesh to between 1e-15 and 1e15"
+    )]
+    Size(f64),
+    /// The surfels are not a cloud.
+    #[error("the surfels cannot be drawn: {0}")]
     Cloud(#[from] CloudError),
 }

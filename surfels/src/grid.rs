@@ -28,13 +28,10 @@ pub(crate) type Rows = [Range<usize>; 9];
 
 impl Grid {
     /// Sorts points into cells: the grid, and the points' numbers in order, those of a cell shuffled.
-    pub(crate) fn new(positions: &[Vec3]) -> (Self, Vec<u32>) {
-        let low = positions.par_iter().copied().reduce(|| Vec3::MAX, Vec3::min);
-        let mut entries: Vec<(u64, u32)> = positions
-            .par_iter()
-            .enumerate()
-            .map(|(i, &p)| (key(p - low), (i as u32).wrapping_mul(SHUFFLE[0])))
-            .collect();
+    pub(crate) fn new(positions: impl IndexedParallelIterator<Item = Vec3> + Clone) -> (Self, Vec<u32>) {
+        let low = positions.clone().reduce(|| Vec3::MAX, Vec3::min);
+        let mut entries: Vec<(u64, u32)> =
+            positions.enumerate().map(|(i, p)| (key(p - low), (i as u32).wrapping_mul(SHUFFLE[0]))).collect();
         entries.par_sort_unstable();
         let begins = |i: &usize| *i == 0 || entries[*i].0 != entries[*i - 1].0;
         let mut starts: Vec<u32> =
@@ -67,10 +64,11 @@ impl Grid {
         (key & 1) | ((key >> AXIS_BITS) & 1) << 1 | ((key >> (2 * AXIS_BITS)) & 1) << 2
     }
 
-    /// Visits cells in order with their neighbourhoods. The nine rows move forward with the cell, so
-    /// finding them takes a few steps and no search.
-    pub(crate) fn sweep(&self, cells: Range<usize>, mut visit: impl FnMut(usize, &Rows)) {
-        let Some(&first) = self.keys.get(cells.start) else { return };
+    /// Visits cells, given in ascending order, with their neighbourhoods. The nine rows move forward with the
+    /// cell, so finding them takes a few steps and no search.
+    pub(crate) fn sweep(&self, cells: impl Iterator<Item = usize>, mut visit: impl FnMut(usize, &Rows)) {
+        let mut cells = cells.peekable();
+        let Some(&first) = cells.peek().and_then(|&cell| self.keys.get(cell)) else { return };
         let offset = |row: i64| ((row / 3 - 1) << (2 * AXIS_BITS)) + ((row % 3 - 1) << AXIS_BITS);
         let offsets: [u64; 9] = std::array::from_fn(|row| offset(row as i64) as u64);
         let mut rows: Rows = offsets.map(|offset| {

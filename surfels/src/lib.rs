@@ -1,4 +1,19 @@
-//! Meshes to surfels.
+//! Meshes to surfels: evenly spread samples of a surface, each with the area that it stands for.
+//!
+//! [`sample`] turns the surface into many small pieces of known area ("points"), chooses some of them as
+//! samples that keep their distance, and gives every point to its nearest sample: what a sample owns is its
+//! area, its normal and its colour. Nothing of the surface is lost or counted twice, so the areas sum to the
+//! mesh's. One Gaussian of one width for all surfels then smooths these areas to an even cover, whatever
+//! the triangles are like: huge, tiny, slivers, or all of them.
+//!
+//! ```
+//! use oblate_surfels::{Density, Mesh, SamplerSettings, primitives, sample};
+//!
+//! let mesh = Mesh { primitives: vec![primitives::torus_knot(2, 3, 0.2, [256, 32])] };
+//! let cloud = sample(&mesh, Density::Count(10_000), &SamplerSettings::default())?;
+//! assert!(cloud.len() > 9_000 && cloud.len() < 11_000);
+//! # Ok::<(), oblate_surfels::SampleError>(())
+//! ```
 
 pub mod mesh;
 pub mod primitives;
@@ -12,7 +27,9 @@ mod points;
 mod relax;
 mod sample;
 mod texture;
+mod view;
 
 pub use error::SampleError;
 pub use mesh::{BaseColor, Mesh, Primitive, Texture, Wrap};
 pub use sample::{COVERAGE_FLOOR, Density, KERNEL_SIGMA, SamplerSettings, sample};
+pub use view::view_spacing;

@@ -2,7 +2,7 @@
 
 use crate::error::SampleError;
 use crate::mesh::{Mesh, Primitive};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 impl Mesh {
@@ -23,21 +23,38 @@ impl Mesh {
     /// Whether the surface is closed: every edge belongs to exactly two triangles that run along it in
     /// opposite directions. Vertices at exactly one place count as one, whatever primitive they are of.
     pub fn is_closed(&self) -> bool {
-        let bits = |p: DVec3| (p + DVec3::ZERO).to_array().map(f64::to_bits); // −0 is 0
-        let mut places: Vec<[[u64; 3]; 3]> =
-            self.primitives.iter().flat_map(placed_triangles).map(|corners| corners.map(bits)).collect();
-        let mut known: Vec<[u64; 3]> = places.iter().flatten().copied().collect();
+        let bits = |primitive: &Primitive, p: &Vec3| {
+            let placed = primitive.primitive_to_mesh.transform_point3(p.as_dvec3());
+            (placed + DVec3::ZERO).to_array().map(f64::to_bits) // −0 is 0
+        };
+        let places: Vec<[u64; 3]> = self
+            .primitives
+            .par_iter()
+            .flat_map(|primitive| primitive.positions.par_iter().map(move |p| bits(primitive, p)))
+            .collect();
+        if places.len() > u32::MAX as usize {
+            return false;
+        }
+        let mut known = places.clone();
         known.par_sort_unstable();
         known.dedup();
-        let weld = |place: &[u64; 3]| known.binary_search(place).unwrap_or(usize::MAX);
-        let mut edges: Vec<(usize, usize)> = places
-            .par_drain(..)
-            .map(|corners| [weld(&corners[0]), weld(&corners[1]), weld(&corners[2])])
-            .filter(|[a, b, c]| a != b && b != c && c != a)
-            .flat_map_iter(|[a, b, c]| [(a, b), (b, c), (c, a)])
-            .collect();
+        let weld = |place: &[u64; 3]| known.binary_search(place).unwrap_or_default() as u32;
+        let welded: Vec<u32> = places.par_iter().map(weld).collect();
+
+        let mut edges: Vec<(u32, u32)> = Vec::new();
+        let mut rest = &welded[..];
+        for primitive in &self.primitives {
+            let (vertices, others) = rest.split_at(primitive.positions.len());
+            rest = others;
+            let of_triangle = |triangle: &[u32; 3]| {
+                let [a, b, c] = triangle.map(|index| vertices.get(index as usize).copied());
+                let edges = [(a?, b?), (b?, c?), (c?, a?)];
+                edges.iter().all(|(from, to)| from != to).then_some(edges)
+            };
+            edges.par_extend(primitive.triangles.par_iter().filter_map(of_triangle).flatten_iter());
+        }
         edges.par_sort_unstable();
-        let once = edges.windows(2).all(|pair| pair[0] != pair[1]);
+        let once = edges.par_windows(2).all(|pair| pair[0] != pair[1]);
         once && !edges.is_empty() && edges.par_iter().all(|&(a, b)| edges.binary_search(&(b, a)).is_ok())
     }
 
@@ -47,7 +64,7 @@ impl Mesh {
         if triangles == 0 {
             return Err(SampleError::Empty);
         }
-        if triangles >= u32::MAX as usize {
+        if triangles > i32::MAX as usize {
             return Err(SampleError::Triangles(triangles));
         }
         self.primitives.iter().enumerate().try_for_each(|(index, primitive)| check(index, primitive))

@@ -20,8 +20,8 @@ const SEPARATION2: f32 = 0.697;
 /// of area 1/8, 0.94 on 1/16, 0.97 on 1/32.
 const COARSENESS: f32 = 0.9;
 
-/// Steps of Lloyd's relaxation. More than one does not change the range of the summed coverage on planes,
-/// spheres and tori by more than 0.005: what is left comes from how finely points measure areas.
+/// Steps of Lloyd's relaxation. On a plane Σw is within 0.920–1.092 after one, 0.916–1.085 after three and
+/// 0.916–1.078 after five: what is left comes from how finely points measure areas.
 const RELAXATIONS: usize = 1;
 
 /// A surface sample.
@@ -53,7 +53,7 @@ impl Voronoi {
 pub(crate) fn relax(points: &Points, chosen: &[u32]) -> Voronoi {
     let at = |&anchor: &u32| Sample {
         position: points.positions[anchor as usize],
-        normal: points.normal_and_area(anchor as usize).0,
+        normal: points.normal(anchor as usize),
         anchor,
     };
     let mut samples: Vec<Sample> = chosen.par_iter().map(at).collect();
@@ -83,10 +83,8 @@ pub(crate) fn scatter(points: &Points) -> Vec<u32> {
         let choose = |cells: &std::ops::Range<usize>| {
             let mut chosen = Vec::new();
             let mut near = Vec::new();
-            grid.sweep(cells.clone(), |cell, rows| {
-                if grid.color(cell) != color {
-                    return;
-                }
+            let colored = cells.clone().filter(|&cell| grid.color(cell) == color);
+            grid.sweep(colored, |cell, rows| {
                 near.clear();
                 for row in rows {
                     let range = grid.points(row.clone());
@@ -96,7 +94,7 @@ pub(crate) fn scatter(points: &Points) -> Vec<u32> {
                 }
                 for point in grid.points(cell..cell + 1) {
                     let here = place(points, point);
-                    let separation2 = SEPARATION2 * (1.0 - COARSENESS * points.normal_and_area(point).1);
+                    let separation2 = SEPARATION2 * (1.0 - COARSENESS * points.areas[point]);
                     if near.iter().all(|&there| distance2(here, there) >= separation2) {
                         near.push(here);
                         chosen.push(point as u32);
@@ -114,7 +112,7 @@ pub(crate) fn scatter(points: &Points) -> Vec<u32> {
 }
 
 fn place(points: &Points, point: usize) -> (Vec3, Vec3) {
-    (points.positions[point], points.normal_and_area(point).0)
+    (points.positions[point], points.normal(point))
 }
 
 /// Gives each point to the nearest sample of its cell's neighbourhood; without one there it stays.
@@ -191,11 +189,11 @@ impl Sample {
     fn moved(self, points: &Points, members: &[u32]) -> Self {
         let (mut area, mut position, mut normal) = (0.0, DVec3::ZERO, DVec3::ZERO);
         for &member in members {
-            let (p, (n, a)) = (points.positions[member as usize], points.normal_and_area(member as usize));
-            let a = f64::from(a);
-            area += a;
-            position += a * p.as_dvec3();
-            normal += a * n.as_dvec3();
+            let (there, up) = place(points, member as usize);
+            let share = f64::from(points.areas[member as usize]);
+            area += share;
+            position += share * there.as_dvec3();
+            normal += share * up.as_dvec3();
         }
         let centroid = (position / area).as_vec3();
         let distance2 = |point: &u32| points.positions[*point as usize].distance_squared(centroid);

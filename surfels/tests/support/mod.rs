@@ -1,6 +1,6 @@
 //! The summed coverage of a cloud of surfels by brute force, sharing nothing with the sampler or the engine.
 
-#![allow(dead_code, reason = "each test uses its part")]
+#![allow(dead_code, unreachable_pub, reason = "each test is a crate and uses its part")]
 
 use glam::{DAffine3, DVec3};
 use oblate_engine::Cloud;

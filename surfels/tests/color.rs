@@ -1,0 +1,138 @@
+//! Colours: linear light, filtered over what a surfel owns and not beyond.
+
+mod support;
+
+use glam::{DAffine3, Vec2, Vec4};
+use oblate_engine::Cloud;
+use oblate_engine::color::{linear_to_srgb, srgb_to_linear};
+use oblate_surfels::{
+    BaseColor, Density, Mesh, Primitive, SamplerSettings, Texture, Wrap, primitives, sample,
+};
+use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
+use support::{centers, mesh_of, surface};
+
+fn texture(size: [usize; 2], wrap: Wrap, texel: impl Fn(usize, usize) -> [u8; 4]) -> Option<Arc<Texture>> {
+    let [width, height] = size;
+    let texels = (0..width * height).map(|i| texel(i % width, i / width)).collect();
+    Some(Arc::new(Texture { width, height, texels, wrap: [wrap; 2] }))
+}
+
+fn grey(value: u8) -> [u8; 4] {
+    [value, value, value, 255]
+}
+
+/// A square of side 2 that shows its material.
+fn square(material: BaseColor) -> Mesh {
+    mesh_of(Primitive { material, ..primitives::plane(1) }, DAffine3::IDENTITY)
+}
+
+fn surfels(mesh: &Mesh, count: usize) -> Cloud {
+    sample(mesh, Density::Count(count), &SamplerSettings::default()).expect("the mesh is right")
+}
+
+#[test]
+fn a_minified_checkerboard_is_the_mean_in_linear_light() {
+    let board =
+        texture([256, 256], Wrap::Repeat, |x, y| grey(if (x + y).is_multiple_of(2) { 255 } else { 0 }));
+    let cloud = surfels(&square(BaseColor { factor: Vec4::ONE, texture: board }), 1000);
+    // 65 texels a surfel, 8 a point: levels 1 and 2, where every texel is the mean of as many of each.
+    for color in &cloud.splats().colors {
+        assert!(color.iter().all(|c| (c - 0.5).abs() < 1e-4), "{color:?}");
+    }
+}
+
+#[test]
+fn odd_sides_keep_the_mean() {
+    let ramp = texture([7, 5], Wrap::Clamp, |x, y| grey((x * 30 + y * 11) as u8));
+    let mean =
+        (0..35).map(|i| srgb_to_linear(((i % 7 * 30 + i / 7 * 11) as f32) / 255.0)).sum::<f32>() / 35.0;
+    let cloud = surfels(&square(BaseColor { factor: Vec4::ONE, texture: ramp }), 1);
+    // Few surfels, each point beyond the last level or nearly: their mean is the texture's, but for the
+    // bilinear blend at the border.
+    let areas = &surface(&cloud).areas;
+    let sum: f32 = cloud.splats().colors.iter().zip(areas).map(|(c, area)| c[0] * area).sum();
+    assert!((sum / 4.0 - mean).abs() < 0.03 * mean, "{} is not {mean}", sum / 4.0);
+}
+
+#[test]
+fn a_texture_of_the_same_resolution_is_blurred_less_than_by_the_kernel() {
+    let (size, period) = (128, 8.0);
+    let wave = |x: f64| 0.5 + 0.4 * (TAU * x / period).sin();
+    let texel =
+        |x: usize, _: usize| grey((linear_to_srgb(wave(x as f64 + 0.5) as f32) * 255.0).round() as u8);
+    let material = BaseColor { factor: Vec4::ONE, texture: texture([size, size], Wrap::Repeat, texel) };
+    let cloud = surfels(&square(material), size * size);
+    // Regression of the colour on the wave at the surfel's centre: how much of its amplitude is left.
+    let (mut product, mut square) = (0.0, 0.0);
+    for (center, color) in centers(&cloud).iter().zip(&cloud.splats().colors) {
+        let there = wave((center.x + 1.0) / 2.0 * size as f64) - 0.5;
+        product += there * (f64::from(color[0]) - 0.5);
+        square += there * there;
+    }
+    let left = product / square;
+    let kernel = (-2.0 * (PI * 0.7 / period).powi(2)).exp();
+    assert!(left > kernel && left < 1.01, "{left} of the amplitude is left; the kernel leaves {kernel}");
+}
+
+#[test]
+fn wrap_modes_say_what_lies_outside() {
+    // White in the left half, black in the right; seen over u from −1 to 2.
+    let expected = [
+        (Wrap::Repeat, [1.0, 0.0, 1.0, 0.0, 1.0, 0.0]),
+        (Wrap::Mirror, [0.0, 1.0, 1.0, 0.0, 0.0, 1.0]),
+        (Wrap::Clamp, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]),
+    ];
+    for (wrap, halves) in expected {
+        let half = texture([64, 64], wrap, |x, _| grey(if x < 32 { 255 } else { 0 }));
+        let mut mesh = square(BaseColor { factor: Vec4::ONE, texture: half });
+        for coords in mesh.primitives[0].tex_coords.as_mut().unwrap() {
+            *coords = Vec2::new(3.0 * coords.x - 1.0, 3.0 * coords.y - 1.0);
+        }
+        let cloud = surfels(&mesh, 3000);
+        let mut looked_at = [0; 6];
+        for (center, color) in centers(&cloud).iter().zip(&cloud.splats().colors) {
+            let half = (center.x + 1.0) * 3.0;
+            // In the middle of a half: a surfel is a ninth of it wide.
+            if (half.fract() - 0.5).abs() < 0.25 {
+                let expected: f32 = halves[half as usize];
+                assert!((color[0] - expected).abs() < 1e-4, "{wrap:?} at {half}: {color:?}");
+                looked_at[half as usize] += 1;
+            }
+        }
+        assert!(looked_at.iter().all(|&n| n > 50));
+    }
+}
+
+#[test]
+fn factor_vertex_colour_and_texture_multiply() {
+    let mut mesh = square(BaseColor {
+        factor: Vec4::new(0.5, 1.0, 0.25, 1.0),
+        texture: texture([4, 4], Wrap::Clamp, |_, _| [255, 255, 255, 255]),
+    });
+    // Red rises along x from 0 to 1.
+    let red = |p: &glam::Vec3| Vec4::new((p.x + 1.0) / 2.0, 0.5, 1.0, 1.0);
+    mesh.primitives[0].colors = Some(mesh.primitives[0].positions.iter().map(red).collect());
+    let cloud = surfels(&mesh, 1000);
+    for (center, color) in centers(&cloud).iter().zip(&cloud.splats().colors) {
+        let expected = [0.5 * (center.x as f32 + 1.0) / 2.0, 0.5, 0.25];
+        for (found, expected) in color.iter().zip(expected) {
+            // A linear function's mean over what a surfel owns is its value at the centroid.
+            assert!((found - expected).abs() < 1e-4, "{color:?} at {center}");
+        }
+    }
+    assert_eq!(surface(&cloud).opacities, None);
+}
+
+#[test]
+fn transparent_texels_lend_no_colour() {
+    // Opaque red beside invisible green: the mean is red, half there.
+    let texel = |x: usize, _: usize| if x.is_multiple_of(2) { [255, 0, 0, 255] } else { [0, 255, 0, 0] };
+    let material = BaseColor { factor: Vec4::ONE, texture: texture([256, 256], Wrap::Repeat, texel) };
+    let cloud = surfels(&square(material), 1000);
+    let opacities = surface(&cloud).opacities.as_ref().unwrap();
+    for (color, opacity) in cloud.splats().colors.iter().zip(opacities) {
+        assert!((color[0] - 1.0).abs() < 1e-4 && color[1].abs() < 1e-4, "{color:?}");
+        assert!((opacity - 0.5).abs() < 1e-4, "{opacity}");
+    }
+}
