@@ -1,0 +1,162 @@
+use crate::common::{Folder, TEXELS, mesh, png, refused};
+use glam::{Vec2, Vec3, Vec4};
+use oblate_importers::OpenOptions;
+use oblate_surfels::Wrap;
+
+#[test]
+fn faces_of_all_kinds() {
+    let folder = Folder::new();
+    let text = "# caf\u{e9}\no thing\nv 0 0 0\nv 1 0 0 1.0\nv 1 1 0\nv 0 1 0\nv 0.5 2 0 # above\nvt 0 0\nvt 1 0.25 0\nvt 1 1\n\
+        vn 0 0 2\ns off\nl 1 2\np 1\nf 1 2 3 4\nf 4 \\\n 3 5\nf 1/1 2/2 3/3\nf -5/-3/-1 2/2/1 3/3/1\nf 1//1 2//1 3//1\n";
+    // A comment in Latin-1 is no UTF-8.
+    let bytes: Vec<u8> = text.chars().map(|c| c as u8).collect();
+    let opened = folder.mesh("a.obj", bytes);
+    let [bare, textured, both, smooth] = &opened.primitives[..] else { panic!("four kinds of corners") };
+    assert_eq!(
+        bare.positions,
+        [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.], [0.5, 2., 0.]].map(Vec3::from_array)
+    );
+    assert_eq!(bare.triangles, [[0, 1, 2], [0, 2, 3], [3, 2, 4]]);
+    assert!(bare.normals.is_none() && bare.tex_coords.is_none() && bare.colors.is_none());
+    let uvs = [Vec2::new(0.0, 1.0), Vec2::new(1.0, 0.75), Vec2::new(1.0, 0.0)];
+    assert_eq!(textured.tex_coords.as_deref(), Some(&uvs[..]));
+    assert!(textured.normals.is_none());
+    assert_eq!(both.tex_coords.as_deref(), Some(&uvs[..]));
+    assert_eq!(both.normals.as_deref(), Some(&[Vec3::new(0.0, 0.0, 2.0); 3][..]));
+    assert_eq!(both.positions, textured.positions);
+    assert!(smooth.normals.is_some() && smooth.tex_coords.is_none());
+}
+
+#[test]
+fn a_corner_is_a_position_once() {
+    let text =
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nf 1/1 2/1 3/1\nf 1/1 3/1 4/1\nf 1/2 3/1 4/1\n";
+    let primitive = Folder::new().primitive("a.obj", text);
+    assert_eq!(primitive.triangles, [[0, 1, 2], [0, 2, 3], [4, 2, 3]]);
+    assert_eq!(primitive.positions[0], primitive.positions[4]);
+}
+
+#[test]
+fn colours_of_vertices() {
+    let text = "v 0 0 0\nv 1 0 0 1 0.5 0\nv 0 1 0\nf 1 2 3\n";
+    let colors = Folder::new().primitive("a.obj", text).colors.unwrap();
+    assert_eq!((colors[0], colors[2]), (Vec4::ONE, Vec4::ONE));
+    assert!((colors[1] - Vec4::new(1.0, 0.2140, 0.0, 1.0)).abs().max_element() < 1e-4);
+}
+
+const TWO: &str = "mtllib my colours.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl red paint\nf 1/1 2/1 3/1\nusemtl skin\n\
+    f 1/1 2/1 3/1\nusemtl red paint\nf 3/1 2/1 1/1\n";
+const COLOURS: &str = "newmtl red paint\nKa 1 1 1\nKd 1 0 0.5\nd 0.25\nTr 1\n\nnewmtl skin\nKd 0 0 0\nmap_Kd -clamp on -s 1 1 1 a skin.png\n\
+    newmtl grey\nKd 0.5\n";
+
+#[test]
+fn materials() {
+    let folder = Folder::new();
+    folder.write("my colours.mtl", COLOURS);
+    folder.write("a skin.png", png());
+    let opened = folder.mesh("a.obj", TWO);
+    let [red, skin] = &opened.primitives[..] else { panic!("a primitive for each material") };
+    assert_eq!(red.triangles.len(), 2);
+    // Kd counts as sRGB-encoded.
+    assert!((red.material.factor - Vec4::new(1.0, 0.0, 0.2140, 0.25)).abs().max_element() < 1e-4);
+    // A map replaces Kd, even a black one.
+    assert_eq!(skin.material.factor, Vec4::ONE);
+    let texture = skin.material.texture.as_ref().unwrap();
+    assert_eq!((texture.width, texture.height, texture.wrap), (2, 2, [Wrap::Clamp; 2]));
+    assert_eq!(texture.texels, TEXELS);
+    // Names with the separator of Windows, several libraries in one line.
+    std::fs::create_dir(folder.write("x", "").parent().unwrap().join("sub")).unwrap();
+    folder.write("sub/one.mtl", "newmtl red paint\n");
+    folder.write("two.mtl", "newmtl skin\n");
+    let moved = TWO.replace("my colours.mtl", "sub\\one.mtl two.mtl");
+    assert_eq!(folder.mesh("a.obj", moved).primitives.len(), 2);
+}
+
+#[test]
+fn what_is_named_must_be_there() {
+    let folder = Folder::new();
+    folder.refused("a.obj", TWO, &["line 1", "my", "cannot be read"]);
+    folder.write("my colours.mtl", COLOURS);
+    refused(folder.open("a.obj", TWO), "my colours.mtl", &["line 9", "a skin.png"]);
+    folder.write("a skin.png", &png()[..40]);
+    refused(folder.open("a.obj", TWO), "a skin.png", &["PNG or JPEG"]);
+    folder.write("a skin.png", png());
+    folder.refused("a.obj", TWO.replace("usemtl skin", "usemtl fur"), &["line 8", "\"fur\""]);
+    // Without a library there is the default material.
+    let bare = TWO.replace("mtllib my colours.mtl\n", "");
+    assert_eq!(folder.primitive("a.obj", &bare).material, Default::default());
+    // And the texture that the caller gives.
+    let texture = Some(folder.write("given.png", png()));
+    let options = OpenOptions { texture, ..OpenOptions::default() };
+    let given = mesh(folder.open_with("a.obj", &bare, &options));
+    assert!(given.primitives[0].material.texture.is_some());
+    let options = OpenOptions { texture: Some("gone.png".into()), ..OpenOptions::default() };
+    refused(folder.open_with("a.obj", &bare, &options), "gone.png", &[]);
+    for (from, to, part) in [
+        ("Kd 1 0 0.5", "Kd 1 0", "line 3"),
+        ("Kd 1 0 0.5", "Kd", "line 3"),
+        ("Kd 1 0 0.5", "Kd 200 0 0", "[0, 1]"),
+        ("Kd 1 0 0.5", "Kd spectral a.rfl", "line 3"),
+        ("d 0.25", "d nan", "line 4"),
+        ("newmtl red paint\n", "", "before any newmtl"),
+        ("-s 1 1 1", "-s 2 2 2", "not supported"),
+        ("a skin.png", "", "names no image"),
+    ] {
+        folder.write("my colours.mtl", COLOURS.replace(from, to));
+        refused(folder.open("a.obj", TWO), "my colours.mtl", &[part]);
+    }
+}
+
+#[test]
+fn what_is_wrong_is_said() {
+    let folder = Folder::new();
+    let good = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1\n";
+    folder.primitive("a.obj", good);
+    for (from, to, parts) in [
+        ("3/1/1", "4/1/1", ["line 6", "vertex 4"]),
+        ("3/1/1", "0/1/1", ["line 6", "vertex 0"]),
+        ("3/1/1", "-4/1/1", ["line 6", "vertex -4"]),
+        ("3/1/1", "9223372036854775807/1/1", ["line 6", "vertex 9223372036854775807"]),
+        ("3/1/1", "-9223372036854775808/1/1", ["line 6", "vertex -9223372036854775808"]),
+        ("3/1/1", "3/0/1", ["line 6", "texture coordinate 0"]),
+        ("3/1/1", "3/2/1", ["line 6", "texture coordinate 2"]),
+        ("3/1/1", "3/1/7", ["line 6", "normal 7"]),
+        ("3/1/1", "3/1/1/1", ["line 6", "v/vt/vn"]),
+        ("3/1/1", "/1/1", ["line 6", "v/vt/vn"]),
+        ("3/1/1", "x", ["line 6", "vertex x"]),
+        (" 3/1/1", "", ["line 6", "three corners"]),
+        ("v 1 0 0", "v 1 nan 0", ["line 2", "finite"]),
+        ("v 1 0 0", "v 1 0 1e99", ["line 2", "finite"]),
+        ("v 1 0 0", "v 1 0", ["line 2", "3, 4 or 6"]),
+        ("v 1 0 0", "v 1 0 0 255 0 0", ["line 2", "[0, 1]"]),
+        ("vn 0 0 1", "vn 0 nan 1", ["line 5", "finite"]),
+        ("vt 0 0", "vt inf 0", ["line 4", "finite"]),
+        ("vt 0 0", "vt", ["line 4", "one to three"]),
+        ("f 1/1/1 2/1/1 3/1/1", "", ["no triangles", "at least one"]),
+    ] {
+        folder.refused("a.obj", good.replacen(from, to, 1), &parts);
+    }
+    folder.refused("empty.obj", "", &["no triangles"]);
+    // A triangle without area is kept.
+    assert_eq!(folder.primitive("a.obj", good.replace("3/1/1", "1/1/1")).triangles, [[0, 1, 0]]);
+}
+
+#[test]
+fn cut_short_anywhere() {
+    let folder = Folder::new();
+    folder.write("my colours.mtl", COLOURS);
+    folder.write("a skin.png", png());
+    for length in 0..TWO.len() {
+        // Text that ends early may still be whole: what opens must hold whole triangles.
+        if let Ok(opened) = folder.open("a.obj", &TWO[..length]) {
+            let triangles: usize = mesh(Ok(opened)).primitives.iter().map(|p| p.triangles.len()).sum();
+            assert!((1..=3).contains(&triangles), "{length}");
+        }
+    }
+    for length in 0..COLOURS.len() {
+        folder.write("my colours.mtl", &COLOURS[..length]);
+        if let Err(error) = folder.open("a.obj", TWO) {
+            let _ = error.to_string();
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! Files that others wrote. Without `OBLATE_DATA` or `../shared/data` these tests skip, unless
+//! `OBLATE_REQUIRE_DATA=1`.
+
+use crate::common::{mesh, volume};
+use glam::{DVec3, Vec3};
+use oblate_importers::{OpenOptions, open};
+use oblate_surfels::{Mesh, Primitive};
+use oblate_volumes::{Volume, Voxels};
+use std::path::PathBuf;
+
+fn data(name: &str) -> Option<PathBuf> {
+    let root = std::env::var_os("OBLATE_DATA").map_or_else(
+        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")),
+        PathBuf::from,
+    );
+    let path = root.join(name);
+    if path.exists() {
+        return Some(path);
+    }
+    let required = std::env::var_os("OBLATE_REQUIRE_DATA").is_some_and(|value| value == "1");
+    assert!(!required, "{} is required", path.display());
+    println!("skipped: {} is not there", path.display());
+    None
+}
+
+fn open_volume(name: &str) -> Option<Volume> {
+    data(name).map(|path| volume(open(path, &OpenOptions::default())))
+}
+
+fn open_mesh(name: &str) -> Option<Mesh> {
+    data(name).map(|path| mesh(open(path, &OpenOptions::default())))
+}
+
+fn only(mesh: Option<Mesh>) -> Option<Primitive> {
+    let mut mesh = mesh?;
+    assert_eq!(mesh.primitives.len(), 1);
+    mesh.primitives.pop()
+}
+
+fn range(volume: &Volume) -> (f32, f32) {
+    let values = (0..volume.voxels().len()).map(|i| volume.voxels().get(i));
+    values.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
+}
+
+fn bounds(primitive: &Primitive) -> (Vec3, Vec3) {
+    let fold = |f: fn(Vec3, Vec3) -> Vec3| primitive.positions.iter().copied().reduce(f).unwrap();
+    (fold(Vec3::min), fold(Vec3::max))
+}
+
+#[test]
+fn engine_is_the_same_through_two_formats() {
+    let Some(vti) = open_volume("volumes/engine.vti") else { return };
+    let Some(raw) = open_volume("volumes/engine_256x256x128_uint8.raw.gz") else { return };
+    assert_eq!(vti.dims(), [256, 256, 128]);
+    assert_eq!(range(&vti), (0.0, 255.0));
+    assert!(vti == raw, "voxels and frame should be equal");
+}
+
+#[test]
+fn raw_gzip_by_name() {
+    for name in ["aneurism", "bonsai"] {
+        let Some(volume) = open_volume(&format!("volumes/{name}_256x256x256_uint8.raw.gz")) else { return };
+        assert_eq!(volume.dims(), [256; 3]);
+        assert_eq!(range(&volume), (0.0, 255.0));
+    }
+}
+
+#[test]
+fn head_is_big_endian() {
+    let Some(path) = data("volumes/CThead_256x256x113_uint16be.raw.gz") else { return };
+    let spacing = DVec3::new(1.0, 1.0, 2.0);
+    let head = volume(open(path, &OpenOptions { spacing: Some(spacing), ..OpenOptions::default() }));
+    assert_eq!(head.dims(), [256, 256, 113]);
+    assert!(matches!(head.voxels(), Voxels::U16(_)));
+    assert_eq!(range(&head), (0.0, 3272.0));
+    assert_eq!(head.frame().spacing, spacing);
+}
+
+#[test]
+fn tooth_is_nrrd() {
+    let Some(tooth) = open_volume("volumes/tooth.nrrd") else { return };
+    assert_eq!(tooth.dims(), [103, 94, 161]);
+    assert!(matches!(tooth.voxels(), Voxels::U8(_)));
+    assert_eq!(tooth.frame(), Default::default());
+    // The file's first bytes of samples, as a hex dump shows them behind the header of 300 bytes.
+    let bytes = std::fs::read(data("volumes/tooth.nrrd").unwrap()).unwrap();
+    assert_eq!(tooth.voxels().len() + 300, bytes.len());
+    assert_eq!(tooth.value([102, 93, 160]), f32::from(*bytes.last().unwrap()));
+}
+
+#[test]
+fn chest_is_inline_zlib() {
+    let Some(chest) = open_volume("volumes/LIDC2.vti") else { return };
+    assert_eq!(chest.dims(), [256, 256, 133]);
+    assert_eq!(chest.frame().spacing, DVec3::new(1.40625, 1.40625, 2.5));
+    assert_eq!(range(&chest), (0.0, 255.0));
+}
+
+#[test]
+fn hydrogen_is_f32() {
+    let Some(hydrogen) = open_volume("volumes/vtk_hydrogen.vti") else { return };
+    assert_eq!(hydrogen.dims(), [64; 3]);
+    assert!(matches!(hydrogen.voxels(), Voxels::F32(_)));
+    // RangeMin and RangeMax of the file.
+    assert_eq!(range(&hydrogen), (0.0, 1.0));
+}
+
+#[test]
+fn ply_meshes() {
+    if let Some(bunny) = only(open_mesh("meshes/bunny.ply")) {
+        assert_eq!((bunny.positions.len(), bunny.triangles.len()), (35947, 69451));
+        let (low, high) = bounds(&bunny);
+        // The scan is 15 to 16 cm tall and stands on y = 0.033.
+        assert!((high.y - low.y - 0.154).abs() < 0.001 && (low.y - 0.033).abs() < 0.001, "{low} {high}");
+    }
+    if let Some(lucy) = only(open_mesh("meshes/lucy.ply")) {
+        assert_eq!((lucy.positions.len(), lucy.triangles.len()), (49987, 99970));
+    }
+}
+
+#[test]
+fn obj_meshes() {
+    if let Some(armadillo) = only(open_mesh("meshes/armadillo.obj")) {
+        assert_eq!((armadillo.positions.len(), armadillo.triangles.len()), (43243, 86482));
+        // The file's first vertex; positions come in the order in which faces use them.
+        assert!(armadillo.positions.contains(&Vec3::new(-0.354446, 0.351858, 0.219842)));
+    }
+    if let Some(fuze) = only(open_mesh("meshes/fuze_wood/fuze.obj")) {
+        assert_eq!(fuze.triangles.len(), 1000);
+        assert!(fuze.normals.is_some() && fuze.tex_coords.is_some());
+        let texture = fuze.material.texture.expect("fuze has a texture");
+        assert_eq!((texture.width, texture.height), (1024, 1024));
+        // Tr 1.0 beside it does not make the bottle invisible.
+        assert_eq!(fuze.material.factor, glam::Vec4::ONE);
+    }
+}
+
+#[test]
+fn spot_takes_the_texture_that_it_is_given() {
+    let (Some(path), Some(image)) =
+        (data("meshes/spot/spot_triangulated.obj"), data("meshes/spot/spot_texture.png"))
+    else {
+        return;
+    };
+    let options = OpenOptions { texture: Some(image), ..OpenOptions::default() };
+    let spot = only(Some(mesh(open(&path, &options)))).unwrap();
+    assert_eq!(spot.triangles.len(), 5856);
+    // 3225 texture coordinates for 2930 vertices: each corner that differs is a position of its own.
+    assert_eq!(spot.positions.len(), 3225);
+    assert!(spot.material.texture.is_some());
+    let quads = only(open_mesh("meshes/spot/spot_quadrangulated.obj")).unwrap();
+    assert_eq!(quads.triangles.len(), 2 * 2928);
+    assert!(quads.material.texture.is_none());
+}
+
+#[test]
+fn binary_gltf() {
+    if let Some(helmet) = only(open_mesh("meshes/DamagedHelmet.glb")) {
+        assert_eq!((helmet.positions.len(), helmet.triangles.len()), (14556, 15452));
+        assert!(helmet.normals.is_some() && helmet.tex_coords.is_some());
+        let texture = helmet.material.texture.as_ref().expect("the helmet has a texture");
+        assert_eq!((texture.width, texture.height), (2048, 2048));
+    }
+    if let Some(duck) = only(open_mesh("meshes/Duck.glb")) {
+        assert_eq!((duck.positions.len(), duck.triangles.len()), (2399, 4212));
+        let texture = duck.material.texture.as_ref().expect("the duck has a texture");
+        assert_eq!((texture.width, texture.height), (512, 512));
+        // Its root node scales by a hundredth.
+        assert!((duck.primitive_to_mesh.matrix3.x_axis.length() - 0.01).abs() < 1e-6);
+    }
+}
