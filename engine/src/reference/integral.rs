@@ -72,9 +72,8 @@ impl NormalDistribution {
 struct Active {
     fragment: Fragment,
     per_sigma: f64,
-    /// Φ where the step begins, and where the step under trial ends.
-    passed: f64,
-    trial: f64,
+    /// Φ at the ends of a step; which is which alternates.
+    passed: [f64; 2],
 }
 
 /// Optical depth and its product with colour, over half a step.
@@ -90,6 +89,12 @@ pub(super) struct March<'a> {
     /// By the z where kernels begin, the first one last.
     pending: &'a mut Vec<Fragment>,
     active: Vec<Active>,
+    /// Active kernels that have ended and await removal.
+    ended: usize,
+    /// At most the smallest σ of the active kernels.
+    smallest_sigma: f64,
+    /// Which of `passed` belongs to `z`.
+    side: usize,
     z: f64,
     steps_per_sigma: f64,
     last_step: f64,
@@ -109,8 +114,17 @@ impl<'a> March<'a> {
     ) -> Self {
         fragments.retain(|f| f.optical_depth > 0.0 && f.z + REACH * f.sigma > near);
         fragments.sort_by(|a, b| start(b).total_cmp(&start(a)));
-        let active = Vec::with_capacity(fragments.len().min(256));
-        Self { normal, pending: fragments, active, z: near, steps_per_sigma, last_step: f64::INFINITY }
+        Self {
+            normal,
+            pending: fragments,
+            active: Vec::new(),
+            ended: 0,
+            smallest_sigma: f64::INFINITY,
+            side: 0,
+            z: near,
+            steps_per_sigma,
+            last_step: f64::INFINITY,
+        }
     }
 
     /// Integrates up to `cut`, which may be infinity.
@@ -130,13 +144,13 @@ impl<'a> March<'a> {
 
     fn step(&mut self, cut: f64, path: &mut Path) {
         let width_of = |sigma: f64| 2.0 * sigma / self.steps_per_sigma;
-        let smallest = self.active.iter().map(|k| k.fragment.sigma).fold(f64::INFINITY, f64::min);
-        let mut width = width_of(smallest);
+        let mut width = width_of(self.smallest_sigma);
         while let Some(fragment) = self.pending.pop_if(|f| start(f) < self.z + width || start(f) <= self.z) {
             width = width.min(width_of(fragment.sigma));
+            self.smallest_sigma = self.smallest_sigma.min(fragment.sigma);
             let per_sigma = 1.0 / fragment.sigma;
-            let passed = self.normal.at((self.z - fragment.z) * per_sigma);
-            self.active.push(Active { fragment, per_sigma, passed, trial: passed });
+            let passed = [self.normal.at((self.z - fragment.z) * per_sigma); 2];
+            self.active.push(Active { fragment, per_sigma, passed });
         }
         // After dense matter wide steps are tried again, not all at once.
         width = width.min(2.0 * self.last_step);
@@ -153,24 +167,31 @@ impl<'a> March<'a> {
             self.last_step = width;
             break;
         }
-        self.active.retain_mut(|k| {
-            k.passed = k.trial;
-            k.passed < 1.0
-        });
+        self.side ^= 1;
+        // Sweeping at every step would cost as much as stepping.
+        if self.ended * 8 >= self.active.len() {
+            let side = self.side;
+            self.active.retain(|k| k.passed[side] < 1.0);
+            self.smallest_sigma = self.active.iter().map(|k| k.fragment.sigma).fold(f64::INFINITY, f64::min);
+        }
     }
 
     /// What the halves of a step to `end` hold.
     fn halves(&mut self, end: f64) -> [Half; 2] {
         let middle = 0.5 * (self.z + end);
         let mut halves = [Half::default(); 2];
+        let (now, then) = (self.side, self.side ^ 1);
+        self.ended = 0;
         for k in &mut self.active {
             let at_middle = self.normal.at((middle - k.fragment.z) * k.per_sigma);
-            k.trial = self.normal.at((end - k.fragment.z) * k.per_sigma);
-            for (half, share) in halves.iter_mut().zip([at_middle - k.passed, k.trial - at_middle]) {
+            let at_end = self.normal.at((end - k.fragment.z) * k.per_sigma);
+            self.ended += usize::from(at_end >= 1.0);
+            for (half, share) in halves.iter_mut().zip([at_middle - k.passed[now], at_end - at_middle]) {
                 let optical_depth = k.fragment.optical_depth * share.max(0.0);
                 half.optical_depth += optical_depth;
                 half.color += optical_depth * k.fragment.color;
             }
+            k.passed[then] = at_end;
         }
         halves
     }
