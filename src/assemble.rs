@@ -3,13 +3,12 @@
 use crate::content::{Body, Item};
 use crate::description::{CameraOptions, Look};
 use crate::framing::View;
-use crate::pending::view_spacing;
 use crate::progress::Console;
 use crate::transfer;
 use anyhow::{Context, Result, ensure};
 use glam::DVec3;
 use oblate::engine::{Camera, Cloud, Light, Scene};
-use oblate::surfels::{Density, Mesh, SamplerSettings, sample};
+use oblate::surfels::{Density, Mesh, SamplerSettings, sample, view_spacing};
 use oblate::volumes::{IsoSettings, KernelSettings, Volume, iso_surfels, to_kernels};
 
 /// Surfels of all meshes together, where their number follows the view.

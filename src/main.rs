@@ -9,7 +9,6 @@ mod draw;
 mod framing;
 mod notation;
 mod output;
-mod pending;
 mod picture;
 mod progress;
 mod scene_file;
