@@ -1,0 +1,122 @@
+//! Meshes and volumes to a scene of splats and the view that shows it.
+
+use crate::content::{Body, Item};
+use crate::description::{CameraOptions, Look};
+use crate::framing::View;
+use crate::progress::Console;
+use crate::transfer;
+use anyhow::{Context, Result, ensure};
+use glam::DVec3;
+use oblate::engine::{Camera, Cloud, Light, Scene};
+use oblate::surfels::{Density, Mesh, SamplerSettings, sample, view_spacing};
+use oblate::volumes::{IsoSettings, KernelSettings, Volume, iso_surfels, to_kernels};
+
+/// Surfels of all meshes together, where their number follows the view.
+const MOST_SURFELS: usize = 4_000_000;
+
+/// Surfels of a mesh that may be asked for: about 8 GiB.
+const MOST_ASKED: usize = 100_000_000;
+
+/// A scene ready to be drawn.
+pub(crate) struct Assembled {
+    pub(crate) scene: Scene,
+    pub(crate) camera: Camera,
+    pub(crate) view: View,
+}
+
+/// Turns items into splats. Volumes come first: they don't depend on the view, the view is framed on
+/// what they show, and the number of surfels of a mesh follows the view.
+pub(crate) fn assemble(
+    items: &[Item],
+    camera: &CameraOptions,
+    size: [u32; 2],
+    lights: Vec<Light>,
+    console: Console,
+) -> Result<Assembled> {
+    let mut clouds = Vec::new();
+    for item in items {
+        if let Body::Volume(volume) = &item.body {
+            let _task = console.task(format!("splats of {}", item.name));
+            let shown = volume_clouds(volume, &item.look).with_context(|| item.name.clone())?;
+            if shown.iter().all(Cloud::is_empty) {
+                let range = volume
+                    .value_range()
+                    .map_or("no finite value".into(), |[a, b]| format!("values {a} to {b}"));
+                console.say(format_args!("{}: nothing in it is visible ({range})", item.name));
+            }
+            clouds.extend(shown);
+        }
+    }
+
+    let points = |see: &mut dyn FnMut(DVec3)| {
+        for cloud in &clouds {
+            let to_world = cloud.cloud_to_world();
+            cloud.splats().centers.iter().for_each(|p| see(to_world.transform_point3(p.as_dvec3())));
+        }
+        for mesh in items.iter().filter_map(Item::mesh) {
+            for part in &mesh.primitives {
+                let to_world = part.primitive_to_mesh;
+                part.positions.iter().for_each(|p| see(to_world.transform_point3(p.as_dvec3())));
+            }
+        }
+    };
+    let holds_volume = items.iter().any(|item| matches!(item.body, Body::Volume(_)));
+    let up = if holds_volume { DVec3::Z } else { DVec3::Y };
+    let view = View::complete(camera, &points, up, size)?;
+    let camera = view.camera(size)?;
+
+    let whole: f64 = items.iter().filter_map(Item::mesh).map(Mesh::area).sum();
+    for item in items {
+        if let Some(mesh) = item.mesh() {
+            let _task = console.task(format!("surfels of {}", item.name));
+            // The meshes share the limit by their areas.
+            let share = (MOST_SURFELS as f64 * mesh.area() / whole) as usize;
+            clouds.push(surfels(mesh, &item.look, &camera, share).with_context(|| item.name.clone())?);
+        }
+    }
+    Ok(Assembled { scene: Scene { clouds, lights }, camera, view })
+}
+
+impl Item {
+    fn mesh(&self) -> Option<&Mesh> {
+        match &self.body {
+            Body::Mesh(mesh) => Some(mesh),
+            Body::Volume(_) => None,
+        }
+    }
+}
+
+/// As many surfels as asked for; else one a pixel, at most `most`.
+fn surfels(mesh: &Mesh, look: &Look, camera: &Camera, most: usize) -> Result<Cloud> {
+    let density = match (look.surfels, look.surfel_spacing) {
+        (Some(count), _) => Density::Count(count),
+        (None, Some(spacing)) => Density::Spacing(spacing),
+        (None, None) => Density::Spacing(view_spacing(camera, mesh.bounds().unwrap_or_default())),
+    };
+    let asked = match (look.surfels, look.surfel_spacing) {
+        (Some(count), _) => count as f64,
+        (None, Some(spacing)) if spacing > 0.0 => mesh.area() / (spacing * spacing),
+        _ => 0.0,
+    };
+    ensure!(asked <= MOST_ASKED as f64, "{asked:.0} surfels are asked for; at most {MOST_ASKED} are made");
+    let max_surfels = if asked > 0.0 { MOST_ASKED } else { most.max(1) };
+    Ok(sample(mesh, density, &SamplerSettings { max_surfels, ..SamplerSettings::default() })?)
+}
+
+/// Iso-surfaces, then the inside: what was asked for, or the inside where nothing was.
+fn volume_clouds(volume: &Volume, look: &Look) -> Result<Vec<Cloud>> {
+    let mut clouds = Vec::new();
+    let mut settings = IsoSettings::default();
+    if let Some(color) = look.iso_color {
+        let [r, g, b, _] = color.0;
+        settings.color = [r, g, b];
+    }
+    for iso in look.iso.iter().flatten() {
+        clouds.push(iso_surfels(volume, *iso, &settings)?);
+    }
+    if look.transfer.is_some() || clouds.is_empty() {
+        let function = transfer::resolve(look.transfer.as_deref(), volume)?;
+        clouds.push(to_kernels(volume, &function, &KernelSettings::default())?);
+    }
+    Ok(clouds)
+}

@@ -1,0 +1,121 @@
+//! Files to meshes and volumes that stand in the world.
+
+use crate::description::{ByteOrder, FileOptions, Kind, Look, SampleKind, Source};
+use anyhow::{Result, bail, ensure};
+use glam::{DAffine3, DMat3, DVec3};
+use oblate::importers::{Endian, OpenOptions, Opened, RawLayout, SampleType};
+use oblate::surfels::Mesh;
+use oblate::volumes::{GridFrame, Volume};
+use std::path::Path;
+
+/// Something to draw, in world space.
+#[derive(Clone, Debug)]
+pub(crate) struct Item {
+    /// What messages call it.
+    pub(crate) name: String,
+    pub(crate) body: Body,
+    pub(crate) look: Look,
+}
+
+/// What it consists of.
+#[derive(Clone, Debug)]
+pub(crate) enum Body {
+    Mesh(Mesh),
+    Volume(Volume),
+}
+
+/// Reads a file and puts it in its place.
+pub(crate) fn load(source: Source) -> Result<Item> {
+    let name = source.path.display().to_string();
+    let body = match (open(&source.path, &source.file)?, source.kind) {
+        (Opened::Mesh(_), Some(Kind::Volume)) => bail!("{name}: it is a mesh; list it under [[mesh]]"),
+        (Opened::Volume(_), Some(Kind::Mesh)) => bail!("{name}: it is a volume; list it under [[volume]]"),
+        (Opened::Mesh(mesh), _) => Body::Mesh(placed_mesh(mesh, source.placement)),
+        (Opened::Volume(volume), _) => Body::Volume(placed_volume(volume, source.placement)?),
+    };
+    Ok(Item { name, body, look: source.look })
+}
+
+/// Reads a file.
+pub(crate) fn open(path: &Path, options: &FileOptions) -> Result<Opened> {
+    // OBJ is known by its name alone, so `--dims` for a volume beside it must not make it raw.
+    let by_name = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("obj"));
+    let raw = match options.dims {
+        Some(dims) if !by_name => Some(RawLayout {
+            dims,
+            sample_type: options.sample_type.unwrap_or_default().into(),
+            endian: options.endian.unwrap_or_default().into(),
+        }),
+        _ => None,
+    };
+    let lonely = raw.is_none() && !by_name && options.dims.is_none();
+    ensure!(
+        !(lonely && (options.sample_type.is_some() || options.endian.is_some())),
+        "{}: --type and --endian describe raw volumes; give --dims with them",
+        path.display()
+    );
+    let options =
+        OpenOptions { raw, spacing: options.spacing.map(DVec3::from), texture: options.texture.clone() };
+    Ok(oblate::importers::open(path, &options)?)
+}
+
+impl From<SampleKind> for SampleType {
+    fn from(kind: SampleKind) -> Self {
+        match kind {
+            SampleKind::U8 => Self::U8,
+            SampleKind::U16 => Self::U16,
+            SampleKind::I16 => Self::I16,
+            SampleKind::F32 => Self::F32,
+        }
+    }
+}
+
+impl From<ByteOrder> for Endian {
+    fn from(order: ByteOrder) -> Self {
+        match order {
+            ByteOrder::Little => Self::Little,
+            ByteOrder::Big => Self::Big,
+        }
+    }
+}
+
+/// The mesh moved to the world, so that surfels are spread evenly there.
+pub(crate) fn placed_mesh(mut mesh: Mesh, placement: DAffine3) -> Mesh {
+    for primitive in &mut mesh.primitives {
+        primitive.primitive_to_mesh = placement * primitive.primitive_to_mesh;
+    }
+    mesh
+}
+
+/// The volume moved to the world: extinction is per world unit, and gradients are the world's.
+pub(crate) fn placed_volume(volume: Volume, placement: DAffine3) -> Result<Volume> {
+    let index_to_world = placement * volume.index_to_world();
+    let columns =
+        [index_to_world.matrix3.x_axis, index_to_world.matrix3.y_axis, index_to_world.matrix3.z_axis];
+    let [x, y, z] = columns.map(DVec3::length);
+    let spacing = DVec3::new(x, y, z);
+    let direction = DMat3::from_cols(columns[0] / x, columns[1] / y, columns[2] / z);
+    Ok(volume.with_frame(GridFrame { spacing, origin: index_to_world.translation, direction })?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oblate::volumes::Voxels;
+
+    #[test]
+    fn volumes_move_with_their_placement() {
+        let frame = GridFrame { spacing: DVec3::new(1.0, 2.0, 3.0), ..GridFrame::default() };
+        let volume = Volume::new([2, 2, 2], Voxels::U8(vec![0; 8]), frame).unwrap();
+        let placement = DAffine3::from_mat3_translation(
+            DMat3::from_rotation_z(0.3) * DMat3::from_diagonal(DVec3::new(2.0, 1.0, 0.5)),
+            DVec3::new(5.0, -1.0, 2.0),
+        );
+        let placed = placed_volume(volume.clone(), placement).unwrap();
+        for index in [DVec3::ZERO, DVec3::ONE, DVec3::new(1.0, 0.0, 1.0)] {
+            let wanted = placement.transform_point3(volume.index_to_world().transform_point3(index));
+            let found = placed.index_to_world().transform_point3(index);
+            assert!((found - wanted).length() < 1e-12, "{found} for {wanted}");
+        }
+    }
+}

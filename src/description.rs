@@ -1,0 +1,311 @@
+//! What to draw and how: the one form that the command line and scene files both fill.
+//!
+//! Every choice is optional here. A choice made at the command line stands over the scene file's, and
+//! what neither makes is decided where it is used.
+
+use crate::notation::{self, Rgba};
+use clap::{Args, ValueEnum};
+use glam::DAffine3;
+use oblate::engine::{Blend, FootprintForm, Light};
+use serde::Deserialize;
+use std::path::PathBuf;
+
+/// A scene before its files are read.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Description {
+    pub(crate) camera: CameraOptions,
+    pub(crate) picture: PictureOptions,
+    pub(crate) sources: Vec<Source>,
+    pub(crate) lights: Vec<Light>,
+}
+
+/// A file and how it is drawn.
+#[derive(Clone, Debug)]
+pub(crate) struct Source {
+    pub(crate) path: PathBuf,
+    /// What the file must hold; `None` takes what comes.
+    pub(crate) kind: Option<Kind>,
+    /// From the file's space to the world.
+    pub(crate) placement: DAffine3,
+    pub(crate) file: FileOptions,
+    pub(crate) look: Look,
+}
+
+/// What a file can hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Mesh,
+    Volume,
+}
+
+impl Source {
+    /// A file as it is.
+    pub(crate) fn new(path: PathBuf) -> Self {
+        Self {
+            path,
+            kind: None,
+            placement: DAffine3::IDENTITY,
+            file: FileOptions::default(),
+            look: Look::default(),
+        }
+    }
+}
+
+/// Where the camera stands and what it sees.
+#[derive(Args, Clone, Debug, Default, PartialEq, Deserialize)]
+#[command(next_help_heading = "Camera")]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CameraOptions {
+    /// Where the camera stands [default: so far away that the scene fills the picture, in a
+    /// three-quarter view]
+    #[arg(long, value_name = "X,Y,Z", value_parser = notation::triple, allow_hyphen_values = true)]
+    pub(crate) eye: Option<[f64; 3]>,
+    /// What it looks at [default: the middle of the scene]
+    #[arg(long, value_name = "X,Y,Z", value_parser = notation::triple, allow_hyphen_values = true)]
+    pub(crate) target: Option<[f64; 3]>,
+    /// What is up in the picture [default: 0,0,1 if the scene holds a volume, else 0,1,0]
+    #[arg(long, value_name = "X,Y,Z", value_parser = notation::triple, allow_hyphen_values = true)]
+    pub(crate) up: Option<[f64; 3]>,
+    /// Vertical angle of view in degrees [default: 30]
+    #[arg(long, value_name = "DEGREES", allow_hyphen_values = true)]
+    pub(crate) fov: Option<f64>,
+    /// Parallel rays that see this height in world units, instead of an angle
+    #[arg(long, value_name = "HEIGHT", allow_hyphen_values = true, conflicts_with = "fov")]
+    pub(crate) orthographic: Option<f64>,
+}
+
+impl CameraOptions {
+    /// These choices, and the others where these make none.
+    pub(crate) fn over(self, under: Self) -> Self {
+        // An angle and a height are one choice, the lens.
+        let lens = if self.fov.or(self.orthographic).is_some() { &self } else { &under };
+        Self {
+            fov: lens.fov,
+            orthographic: lens.orthographic,
+            eye: self.eye.or(under.eye),
+            target: self.target.or(under.target),
+            up: self.up.or(under.up),
+        }
+    }
+}
+
+/// The picture and how it is computed.
+#[derive(Args, Clone, Debug, Default, PartialEq, Deserialize)]
+#[command(next_help_heading = "Picture")]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub(crate) struct PictureOptions {
+    /// Width and height in pixels [default: 1024x1024]
+    #[arg(long, value_name = "WxH", value_parser = notation::size)]
+    pub(crate) size: Option<[u32; 2]>,
+    /// Whether light acts; without it colours are shown as they are [default: on]
+    #[arg(long, value_name = "on|off", value_parser = notation::switch)]
+    pub(crate) shade: Option<bool>,
+    /// Colour behind the scene, sRGB in hexadecimal, with alpha or without [default: 202020]
+    #[arg(long, value_name = "RGB[A]")]
+    pub(crate) background: Option<Rgba>,
+    /// Form of the footprints: EWA's affine approximation, exact perspective, or for each splat the
+    /// cheapest that is accurate enough [default: auto]
+    #[arg(long)]
+    pub(crate) footprint: Option<Footprint>,
+    /// Variance of the low-pass filter in squared pixels [default: 0.3]
+    #[arg(long, value_name = "VARIANCE", allow_hyphen_values = true)]
+    pub(crate) low_pass: Option<f64>,
+    /// Space of shading and blending: linear light, or sRGB display values as many volume renderers use
+    /// [default: linear]
+    #[arg(long)]
+    pub(crate) blend: Option<BlendSpace>,
+    /// Lets a slow reference draw the picture: r1 integrates the filtered splats along pixel centres, r2
+    /// the unfiltered ones with many samples a pixel [default: off]
+    #[arg(long)]
+    pub(crate) reference: Option<Reference>,
+    /// Samples a pixel for --reference r2 [default: 64]
+    #[arg(long, value_name = "N")]
+    pub(crate) samples: Option<u32>,
+}
+
+impl PictureOptions {
+    /// These choices, and the others where these make none.
+    pub(crate) fn over(self, under: Self) -> Self {
+        Self {
+            size: self.size.or(under.size),
+            shade: self.shade.or(under.shade),
+            background: self.background.or(under.background),
+            footprint: self.footprint.or(under.footprint),
+            low_pass: self.low_pass.or(under.low_pass),
+            blend: self.blend.or(under.blend),
+            reference: self.reference.or(under.reference),
+            samples: self.samples.or(under.samples),
+        }
+    }
+}
+
+/// `--footprint`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Footprint {
+    Auto,
+    Affine,
+    Exact,
+}
+
+impl From<Footprint> for FootprintForm {
+    fn from(choice: Footprint) -> Self {
+        match choice {
+            Footprint::Auto => Self::Auto,
+            Footprint::Affine => Self::Affine,
+            Footprint::Exact => Self::Exact,
+        }
+    }
+}
+
+/// `--blend`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum BlendSpace {
+    Linear,
+    Display,
+}
+
+impl From<BlendSpace> for Blend {
+    fn from(choice: BlendSpace) -> Self {
+        match choice {
+            BlendSpace::Linear => Self::Linear,
+            BlendSpace::Display => Self::Display,
+        }
+    }
+}
+
+/// `--reference`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Reference {
+    #[default]
+    Off,
+    R1,
+    R2,
+}
+
+/// What a file does not say itself.
+#[derive(Args, Clone, Debug, Default, PartialEq)]
+#[command(next_help_heading = "Files")]
+pub(crate) struct FileOptions {
+    /// Raw volumes: samples along x, y, z [default: as the file's name says, like head_256x256x113_u16be.raw]
+    #[arg(long, value_name = "XxYxZ", value_parser = notation::dims)]
+    pub(crate) dims: Option<[usize; 3]>,
+    /// Raw volumes: type of the samples [default: u8]
+    #[arg(long = "type", value_name = "TYPE")]
+    pub(crate) sample_type: Option<SampleKind>,
+    /// Raw volumes: byte order [default: little]
+    #[arg(long)]
+    pub(crate) endian: Option<ByteOrder>,
+    /// Volumes: distance between samples along x, y, z [default: the header's, else 1,1,1]
+    #[arg(long, value_name = "X,Y,Z", value_parser = notation::triple)]
+    pub(crate) spacing: Option<[f64; 3]>,
+    /// OBJ and PLY meshes: a PNG or JPEG for parts with texture coordinates and no texture of their own
+    #[arg(long, value_name = "FILE")]
+    pub(crate) texture: Option<PathBuf>,
+}
+
+impl FileOptions {
+    /// These choices, and the others where these make none.
+    pub(crate) fn over(self, under: Self) -> Self {
+        Self {
+            dims: self.dims.or(under.dims),
+            sample_type: self.sample_type.or(under.sample_type),
+            endian: self.endian.or(under.endian),
+            spacing: self.spacing.or(under.spacing),
+            texture: self.texture.or(under.texture),
+        }
+    }
+}
+
+/// `--type`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum SampleKind {
+    #[default]
+    U8,
+    U16,
+    I16,
+    F32,
+}
+
+/// `--endian`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum ByteOrder {
+    #[default]
+    Little,
+    Big,
+}
+
+/// How a mesh or a volume becomes splats.
+#[derive(Args, Clone, Debug, Default, PartialEq)]
+#[command(next_help_heading = "Looks")]
+pub(crate) struct Look {
+    /// Volumes: draws the surface where the value is V, opaque and light grey
+    #[arg(
+        long,
+        value_name = "V[,V…]",
+        value_delimiter = ',',
+        num_args = 1,
+        allow_hyphen_values = true,
+        value_parser = finite
+    )]
+    pub(crate) iso: Option<Vec<f32>>,
+    /// Volumes: draws the inside under a transfer function: a preset's name or a file; `list` prints the
+    /// presets [default without --iso: one fitted to the volume's histogram]
+    #[arg(long, value_name = "NAME|FILE|list")]
+    pub(crate) transfer: Option<String>,
+    /// Linear colour of iso-surfaces; the command line has no say in it.
+    #[arg(skip)]
+    pub(crate) iso_color: Option<Rgba>,
+    /// Meshes: number of surfels on each mesh [default: one a pixel of the view, at most 4 million]
+    #[arg(long, value_name = "N", conflicts_with = "surfel_spacing")]
+    pub(crate) surfels: Option<usize>,
+    /// Meshes: distance between surfels in world units, instead of their number
+    #[arg(long, value_name = "S", allow_hyphen_values = true)]
+    pub(crate) surfel_spacing: Option<f64>,
+}
+
+impl Look {
+    /// These choices, and the others where these make none.
+    pub(crate) fn over(self, under: Self) -> Self {
+        // A number and a spacing are one choice, the density.
+        let dense = if self.surfels.is_some() || self.surfel_spacing.is_some() { &self } else { &under };
+        Self {
+            surfels: dense.surfels,
+            surfel_spacing: dense.surfel_spacing,
+            iso: self.iso.or(under.iso),
+            transfer: self.transfer.or(under.transfer),
+            iso_color: self.iso_color.or(under.iso_color),
+        }
+    }
+}
+
+fn finite(text: &str) -> Result<f32, String> {
+    match text.trim().parse::<f32>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ => Err(format!("`{text}` is not a finite number")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_stands_over_the_file() {
+        let file = CameraOptions {
+            eye: Some([1.0; 3]),
+            up: Some([0.0, 1.0, 0.0]),
+            orthographic: Some(3.0),
+            ..Default::default()
+        };
+        let line = CameraOptions { eye: Some([2.0; 3]), fov: Some(40.0), ..Default::default() };
+        let both = line.over(file.clone());
+        assert_eq!((both.eye, both.up), (Some([2.0; 3]), file.up));
+        assert_eq!((both.fov, both.orthographic), (Some(40.0), None));
+        assert_eq!(CameraOptions::default().over(file.clone()), file);
+    }
+}

@@ -1,0 +1,268 @@
+//! Cameras for scenes whose viewer said little about them.
+
+use crate::description::CameraOptions;
+use crate::notation::comma_list;
+use anyhow::{Context, Result, ensure};
+use glam::{DMat3, DVec2, DVec3};
+use oblate::engine::{Camera, Pose};
+
+/// Share of half the picture that stays free on each side of a framed scene.
+const MARGIN: f64 = 0.06;
+
+/// Vertical angle of view in degrees.
+const FOV: f64 = 30.0;
+
+/// A camera with every choice made; writes itself as options.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct View {
+    eye: DVec3,
+    target: DVec3,
+    up: DVec3,
+    lens: Lens,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Lens {
+    /// Vertical angle in degrees.
+    Angle(f64),
+    /// Height of the view in world units.
+    Height(f64),
+}
+
+impl View {
+    /// Completes the options so that `points` (world space) fill a picture of `size`. `up` counts where
+    /// the options say none.
+    pub(crate) fn complete(
+        options: &CameraOptions,
+        points: Points<'_>,
+        up: DVec3,
+        size: [u32; 2],
+    ) -> Result<Self> {
+        let fov = options.fov.unwrap_or(FOV);
+        ensure!(fov > 0.0 && fov < 180.0, "--fov is {fov}; it must be between 0 and 180 degrees");
+        let [eye, target, up_given] = [options.eye, options.target, options.up].map(|v| v.map(DVec3::from));
+        let middle = middle(points);
+
+        // The direction from the target to the eye.
+        let outward = match eye {
+            Some(eye) => eye - target.unwrap_or(middle),
+            None => three_quarter(up_given.unwrap_or(up)),
+        };
+        let up = up_given.unwrap_or_else(|| not_along(outward, up));
+        let pose = Pose::look_at(outward, DVec3::ZERO, up).context("camera")?;
+        let aspect = f64::from(size[0]) / f64::from(size[1]);
+        let tangent = (fov.to_radians() / 2.0).tan() * DVec2::new(aspect, 1.0) * (1.0 - MARGIN);
+        let framed = Framed { rotation: pose.world_to_camera.matrix3, middle, points, tangent };
+        let [framed_eye, framed_target] = match (eye, target) {
+            (Some(eye), _) => [eye, middle],
+            (None, Some(target)) => [framed.back_from(target), target],
+            (None, None) => framed.fitted(),
+        };
+        let distance = eye.unwrap_or(framed_eye).distance(target.unwrap_or(framed_target));
+        Ok(Self {
+            eye: eye.unwrap_or_else(|| rounded(framed_eye, distance)),
+            target: target.unwrap_or_else(|| rounded(framed_target, distance)),
+            up,
+            lens: options.orthographic.map_or(Lens::Angle(fov), Lens::Height),
+        })
+    }
+
+    /// The camera for a picture of `size`.
+    pub(crate) fn camera(&self, size: [u32; 2]) -> Result<Camera> {
+        let pose = Pose::look_at(self.eye, self.target, self.up).context("camera")?;
+        match self.lens {
+            Lens::Angle(degrees) => Camera::perspective(pose, degrees.to_radians(), size),
+            Lens::Height(height) => Camera::orthographic(pose, height, size),
+        }
+        .context("camera")
+    }
+}
+
+impl std::fmt::Display for View {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let list = |v: DVec3| comma_list(&v.to_array());
+        write!(f, "--eye {} --target {} --up {}", list(self.eye), list(self.target), list(self.up))?;
+        match self.lens {
+            Lens::Angle(degrees) => write!(f, " --fov {degrees}"),
+            Lens::Height(height) => write!(f, " --orthographic {height}"),
+        }
+    }
+}
+
+/// What is to be seen, in world space: calls back with each point.
+pub(crate) type Points<'a> = &'a dyn Fn(&mut dyn FnMut(DVec3));
+
+/// The middle of the points' bounds; the origin without points.
+fn middle(points: Points<'_>) -> DVec3 {
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    points(&mut |p| (low, high) = (low.min(p), high.max(p)));
+    if low.is_finite() && high.is_finite() { (low + high) / 2.0 } else { DVec3::ZERO }
+}
+
+/// Points seen by a camera that is turned and whose place is wanted.
+struct Framed<'a> {
+    /// Rows: right, down, forward.
+    rotation: DMat3,
+    middle: DVec3,
+    points: Points<'a>,
+    /// Slopes of the frame's sides, right and down.
+    tangent: DVec2,
+}
+
+impl Framed<'_> {
+    /// The largest value of `of` over the points in camera axes; −∞ without points.
+    fn largest(&self, of: impl Fn(DVec3) -> f64) -> f64 {
+        let mut largest = f64::NEG_INFINITY;
+        (self.points)(&mut |p| largest = largest.max(of(self.rotation * p)));
+        largest
+    }
+
+    /// The nearest eye from which all points project into the frame, and the point of its axis at the
+    /// depth of the middle.
+    ///
+    /// A point at (x, z) is inside if |x − e_x| ≤ t (z − e_z), that is x − t z ≤ e_x − t e_z and
+    /// −x − t z ≤ −e_x − t e_z: with the largest left sides a and b, e_z ≤ −(a + b)/2t, and
+    /// e_x = (a − b)/2 keeps the same distance from both sides.
+    fn fitted(&self) -> [DVec3; 2] {
+        let t = self.tangent;
+        let side = |axis: fn(DVec3) -> f64, t: f64| {
+            let (a, b) = (self.largest(|p| axis(p) - t * p.z), self.largest(|p| -axis(p) - t * p.z));
+            ((a - b) / 2.0, -(a + b) / (2.0 * t))
+        };
+        let (x, z_for_x) = side(|p| p.x, t.x);
+        let (y, z_for_y) = side(|p| p.y, t.y);
+        let center = self.rotation * self.middle;
+        let z = z_for_x.min(z_for_y);
+        // A single point needs no distance, and none at all has no place: stand one unit away.
+        let seen = z.is_finite() && center.z - z > 1e-9 * center.length();
+        let eye = if seen { DVec3::new(x, y, z) } else { center - DVec3::Z };
+        let to_world = self.rotation.transpose();
+        [to_world * eye, to_world * DVec3::new(eye.x, eye.y, center.z)]
+    }
+
+    /// The nearest eye on the axis through `target` from which all points project into the frame.
+    fn back_from(&self, target: DVec3) -> DVec3 {
+        let center = self.rotation * target;
+        let distance = self.largest(|p| {
+            let q = p - center;
+            (q.truncate().abs() / self.tangent).max_element() - q.z
+        });
+        let distance = if distance > 0.0 && distance.is_finite() { distance } else { 1.0 };
+        target - self.rotation.row(2) * distance
+    }
+}
+
+/// The direction to an eye that sees front, right side and top of a thing that stands upright: its front
+/// looks to +Z when +Y is up (as in glTF), to −Y when +Z is up.
+fn three_quarter(up: DVec3) -> DVec3 {
+    let up = up.normalize_or(DVec3::Y);
+    let right = (DVec3::X - up * up.x).try_normalize().filter(|_| up.x.abs() < 0.999).unwrap_or(DVec3::Z);
+    let front = right.cross(up);
+    0.55 * right + 0.45 * up + 0.8 * front
+}
+
+/// `up`, or another axis where it would leave the roll open.
+fn not_along(direction: DVec3, up: DVec3) -> DVec3 {
+    let parallel = up.normalize_or(DVec3::Y).cross(direction.normalize_or(DVec3::Z)).length() < 1e-3;
+    if !parallel {
+        up
+    } else if up == DVec3::Z {
+        DVec3::Y
+    } else {
+        DVec3::NEG_Z
+    }
+}
+
+/// Digits down to 1/10,000 of the distance or finer: short to print, and used as printed.
+fn rounded(v: DVec3, distance: f64) -> DVec3 {
+    let per_step = 10f64.powi(4 - distance.log10().floor() as i32);
+    // Dividing by a power of ten gives the double nearest to the decimal, which prints in few digits.
+    let rounded = if per_step >= 1.0 { (v * per_step).round() / per_step } else { v.round() };
+    if rounded.is_finite() { rounded } else { v }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: [u32; 2] = [200, 100];
+
+    fn cube(low: f64, high: f64) -> Vec<DVec3> {
+        (0..8)
+            .map(|i| DVec3::from([i & 1, i >> 1 & 1, i >> 2].map(|b| if b == 1 { high } else { low })))
+            .collect()
+    }
+
+    fn complete(options: &CameraOptions, points: &[DVec3], up: DVec3) -> View {
+        View::complete(options, &|see| points.iter().for_each(|p| see(*p)), up, SIZE).unwrap()
+    }
+
+    /// Bounds of the projections in units of half the picture.
+    fn extent(view: &View, points: &[DVec3]) -> (DVec2, DVec2) {
+        let camera = view.camera(SIZE).unwrap();
+        let half = DVec2::new(f64::from(SIZE[0]), f64::from(SIZE[1])) / 2.0;
+        points.iter().fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(low, high), p| {
+            let c = camera.pose().world_to_camera.transform_point3(*p);
+            assert!(c.z > 0.0);
+            let seen = (c.truncate() / c.z * camera.intrinsics().focal) / half;
+            (low.min(seen), high.max(seen))
+        })
+    }
+
+    #[test]
+    fn the_scene_fills_the_picture() {
+        let points = cube(-3.0, 7.0);
+        for up in [DVec3::Y, DVec3::Z, DVec3::new(1.0, 0.2, -1.0), DVec3::X] {
+            let view = complete(&CameraOptions::default(), &points, up);
+            let (low, high) = extent(&view, &points);
+            // The binding side is the height here; rounding moves points by
+            // 1e-4 of the distance at most, which is 1e-4 / tan(15°) = 4e-4 of half the picture.
+            let bound = 1.0 - MARGIN;
+            assert!((low.y + bound).abs() < 1e-3 && (high.y - bound).abs() < 1e-3, "{low} {high}");
+            assert!(low.x > -bound && high.x < bound, "{low} {high}");
+        }
+    }
+
+    #[test]
+    fn a_target_alone_is_kept_in_the_middle() {
+        let points = cube(-1.0, 1.0);
+        let options = CameraOptions { target: Some([0.5, 0.0, 0.0]), ..Default::default() };
+        let view = complete(&options, &points, DVec3::Y);
+        assert_eq!(view.target, DVec3::new(0.5, 0.0, 0.0));
+        let (low, high) = extent(&view, &points);
+        let reach = low.abs().max(high.abs()).max_element();
+        assert!((reach - (1.0 - MARGIN)).abs() < 1e-3, "{reach}");
+    }
+
+    #[test]
+    fn an_eye_alone_looks_at_the_middle_even_from_above() {
+        let options = CameraOptions { eye: Some([2.0, 50.0, 2.0]), ..Default::default() };
+        let view = complete(&options, &cube(0.0, 4.0), DVec3::Y);
+        assert_eq!(view.target, DVec3::splat(2.0));
+        assert!(view.camera(SIZE).is_ok());
+    }
+
+    #[test]
+    fn degenerate_scenes_have_a_camera() {
+        for points in [vec![], vec![DVec3::ONE], vec![DVec3::splat(1e6); 3]] {
+            let view = complete(&CameraOptions::default(), &points, DVec3::Z);
+            assert!(view.camera(SIZE).is_ok(), "{view:?}");
+        }
+    }
+
+    #[test]
+    fn it_prints_as_it_is_used() {
+        let view = complete(&CameraOptions::default(), &cube(0.0, 100.0), DVec3::Z);
+        let text = view.to_string();
+        let words: Vec<&str> = text.split(' ').collect();
+        let again = CameraOptions {
+            eye: Some(crate::notation::triple(words[1]).unwrap()),
+            target: Some(crate::notation::triple(words[3]).unwrap()),
+            up: Some(crate::notation::triple(words[5]).unwrap()),
+            fov: Some(words[7].parse().unwrap()),
+            orthographic: None,
+        };
+        assert_eq!(complete(&again, &[], DVec3::Y), view);
+        assert!(text.len() < 100, "{text}");
+    }
+}

@@ -1,0 +1,60 @@
+//! `oblate`: meshes, volumes and iso-surfaces in one picture, from the command line.
+
+mod assemble;
+mod built_in;
+mod command;
+mod content;
+mod description;
+mod draw;
+mod framing;
+mod notation;
+mod output;
+mod picture;
+mod progress;
+mod scene_file;
+mod stats;
+mod transfer;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Draws meshes, volumes and iso-surfaces as surface splats, all in one correct picture.
+#[derive(Parser)]
+#[command(version, about, max_term_width = 100)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Render(command::render::RenderArgs),
+    Info(command::info::InfoArgs),
+    Compare(command::compare::CompareArgs),
+}
+
+fn main() -> ExitCode {
+    // Clap itself exits with 2 on options that it can't read.
+    let result = match Cli::parse().command {
+        Command::Render(args) => command::render::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Info(args) => command::info::run(&args).map(|()| ExitCode::SUCCESS),
+        Command::Compare(args) => command::compare::run(&args),
+    };
+    result.unwrap_or_else(|error| {
+        eprintln!("error: {}", one_line(&error));
+        ExitCode::from(2)
+    })
+}
+
+/// An error and its causes on one line; a cause that its effect has already named is left out.
+fn one_line(error: &anyhow::Error) -> String {
+    let mut line = String::new();
+    for cause in error.chain().map(|cause| cause.to_string().trim().replace('\n', "; ")) {
+        if line.is_empty() {
+            line = cause;
+        } else if !line.contains(&cause) {
+            line = format!("{line}: {cause}");
+        }
+    }
+    line
+}

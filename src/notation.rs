@@ -1,0 +1,109 @@
+//! How values are written at the command line: `640x480`, `1,-2,3`, `#20202080`.
+
+use oblate::engine::color::srgb_to_linear;
+use serde::Deserialize;
+use std::str::FromStr;
+
+/// A colour written as sRGB display values in hexadecimal, `RRGGBB` or `RRGGBBAA`; held linear and not
+/// premultiplied.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(try_from = "String")]
+pub(crate) struct Rgba(pub(crate) [f32; 4]);
+
+impl FromStr for Rgba {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("`{text}` is not a colour; write RRGGBB or RRGGBBAA, such as 202020");
+        let digits = text.strip_prefix('#').unwrap_or(text);
+        if !(matches!(digits.len(), 6 | 8) && digits.bytes().all(|b| b.is_ascii_hexdigit())) {
+            return Err(wrong());
+        }
+        let packed = u32::from_str_radix(digits, 16).map_err(|_| wrong())?;
+        let rgba = if digits.len() == 6 { packed << 8 | 0xff } else { packed };
+        Ok(Self::from_bytes(rgba.to_be_bytes()))
+    }
+}
+
+impl Rgba {
+    /// sRGB display values and alpha as bytes.
+    pub(crate) fn from_bytes(rgba: [u8; 4]) -> Self {
+        let [r, g, b, a] = rgba.map(|byte| f32::from(byte) / 255.0);
+        Self([srgb_to_linear(r), srgb_to_linear(g), srgb_to_linear(b), a])
+    }
+}
+
+impl TryFrom<String> for Rgba {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+/// Numbers between separators, as many as fit the array.
+fn separated<T: FromStr + Copy, const N: usize>(text: &str, by: char, like: &str) -> Result<[T; N], String> {
+    let wrong = || format!("`{text}` is not {N} numbers; write them like {like}");
+    let numbers: Result<Vec<T>, _> = text.split(by).map(|part| part.trim().parse()).collect();
+    numbers.map_err(|_| wrong())?.try_into().map_err(|_| wrong())
+}
+
+/// `640x480`.
+pub(crate) fn size(text: &str) -> Result<[u32; 2], String> {
+    separated(text, 'x', "640x480")
+}
+
+/// `256x256x128`.
+pub(crate) fn dims(text: &str) -> Result<[usize; 3], String> {
+    separated(text, 'x', "256x256x128")
+}
+
+/// `1,-2,3.5`, each finite.
+pub(crate) fn triple(text: &str) -> Result<[f64; 3], String> {
+    let numbers: [f64; 3] = separated(text, ',', "1,-2,3.5")?;
+    if numbers.iter().all(|n| n.is_finite()) { Ok(numbers) } else { Err(format!("`{text}` is not finite")) }
+}
+
+/// `on` or `off`.
+pub(crate) fn switch(text: &str) -> Result<bool, String> {
+    match text {
+        "on" => Ok(true),
+        "off" => Ok(false),
+        _ => Err(format!("`{text}` is neither `on` nor `off`")),
+    }
+}
+
+/// Numbers with a comma between them, in a form that [`triple`] reads back.
+pub(crate) fn comma_list(numbers: &[f64]) -> String {
+    // Adding 0 turns -0 into 0.
+    numbers.iter().map(|n| (n + 0.0).to_string()).collect::<Vec<_>>().join(",")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colours() {
+        assert_eq!("#ff000080".parse::<Rgba>().unwrap().0, [1.0, 0.0, 0.0, 128.0 / 255.0]);
+        assert_eq!("0000ff".parse::<Rgba>().unwrap().0, [0.0, 0.0, 1.0, 1.0]);
+        // sRGB 0x80 = 0.50196 is ((0.50196 + 0.055) / 1.055)^2.4 = 0.21586 linear.
+        assert!(("808080".parse::<Rgba>().unwrap().0[0] - 0.215_86).abs() < 1e-5);
+        for wrong in ["", "20", "20202", "gggggg", "+12345", "#20202080ff", "äöü"] {
+            assert!(wrong.parse::<Rgba>().is_err(), "{wrong} passed");
+        }
+    }
+
+    #[test]
+    fn lists() {
+        assert_eq!(triple("1,-2,3.5"), Ok([1.0, -2.0, 3.5]));
+        assert_eq!(triple(" 1, -2 ,3e2"), Ok([1.0, -2.0, 300.0]));
+        assert_eq!(size("640x480"), Ok([640, 480]));
+        assert_eq!(dims("3x4x5"), Ok([3, 4, 5]));
+        for wrong in ["1,2", "1,2,3,4", "a,b,c", "", "nan,0,0", "inf,0,0"] {
+            assert!(triple(wrong).is_err(), "{wrong} passed");
+        }
+        assert!(size("-1x2").is_err());
+        assert_eq!(comma_list(&[1.0, -0.0, -2.5]), "1,0,-2.5");
+    }
+}

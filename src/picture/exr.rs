@@ -1,0 +1,56 @@
+//! OpenEXR: R, G, B, A (linear, premultiplied), Z (first surface, infinity where there is none) and the
+//! world normal N.X, N.Y, N.Z.
+
+use super::{Picture, Unit};
+use crate::output::WriteSeek;
+use ::exr::prelude::*;
+use anyhow::{Context, Result};
+use oblate::engine::Frame;
+use std::io::Cursor;
+
+pub(super) fn write(frame: &Frame, file: &mut dyn WriteSeek) -> Result<()> {
+    let channel = |name: &str, values: Vec<f32>| AnyChannel::new(name, FlatSamples::F32(values));
+    let color = |i: usize| frame.color.iter().map(|c| c[i]).collect();
+    let normal = |i: usize| frame.normal.iter().map(|n| n[i]).collect();
+    let channels = [
+        channel("R", color(0)),
+        channel("G", color(1)),
+        channel("B", color(2)),
+        channel("A", color(3)),
+        channel("Z", frame.depth.clone()),
+        channel("N.X", normal(0)),
+        channel("N.Y", normal(1)),
+        channel("N.Z", normal(2)),
+    ];
+    let attributes =
+        LayerAttributes { software_name: Some(Text::from("oblate")), ..LayerAttributes::default() };
+    let layer = Layer::new(
+        (frame.width, frame.height),
+        attributes,
+        Encoding::SMALL_LOSSLESS,
+        AnyChannels::sort(channels.into_iter().collect()),
+    );
+    Image::from_layer(layer).write().to_buffered(file)?;
+    Ok(())
+}
+
+pub(super) fn read_picture(bytes: &[u8]) -> Result<Picture> {
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .from_buffered(Cursor::new(bytes))?;
+    let layer = image.layer_data;
+    let named = |name: &str| -> Option<Vec<f32>> {
+        let channel = layer.channel_data.list.iter().find(|c| c.name == *name)?;
+        Some(channel.sample_data.values_as_f32().collect())
+    };
+    let color =
+        |name: &str| named(name).with_context(|| format!("no channel `{name}`; R, G and B are compared"));
+    let (r, g, b) = (color("R")?, color("G")?, color("B")?);
+    let a = named("A").unwrap_or_else(|| vec![1.0; r.len()]);
+    let values = r.into_iter().zip(g).zip(b).zip(a).map(|(((r, g), b), a)| [r, g, b, a]).collect();
+    Ok(Picture { width: layer.size.width(), height: layer.size.height(), values, unit: Unit::Linear })
+}

@@ -1,0 +1,302 @@
+//! Scene files: versioned TOML whose keys carry the names of the options.
+//!
+//! ```toml
+//! version = 1
+//!
+//! [camera]                       # eye, target, up, and fov (degrees) or orthographic (height)
+//! eye = [457.5, -285, 352]
+//!
+//! [[volume]]
+//! path = "engine.vti"            # relative to this file
+//! transfer = "amber"             # a preset or a file
+//! iso = [200]
+//! iso-color = "d0c8b8"           # sRGB; else light grey
+//!
+//! [[mesh]]
+//! path = "helmet.glb"
+//! scale = 90                     # one number or three; then rotate, then translate
+//! rotate = [90, 0, 0]            # degrees about x, then y, then z
+//! translate = [128, 60, 64]
+//! surfel-spacing = 0.5
+//!
+//! [[light]]
+//! kind = "directional"           # ambient, directional (towards) or point (position)
+//! towards = [1, -1, 2]
+//! color = "fff0e0"               # sRGB; intensity multiplies it
+//! intensity = 0.8
+//!
+//! [render]                       # options of the picture
+//! size = [800, 600]
+//! shade = true
+//! ```
+
+use crate::description::{
+    ByteOrder, CameraOptions, Description, FileOptions, Kind, Look, PictureOptions, SampleKind, Source,
+};
+use crate::notation::Rgba;
+use crate::transfer;
+use anyhow::{Context, Result, bail, ensure};
+use glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot};
+use oblate::engine::Light;
+use serde::Deserialize;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use toml::Spanned;
+
+/// The version of the format that this program reads.
+const VERSION: i64 = 1;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    version: Spanned<i64>,
+    #[serde(default)]
+    camera: CameraOptions,
+    #[serde(default)]
+    mesh: Vec<Spanned<MeshTable>>,
+    #[serde(default)]
+    volume: Vec<Spanned<VolumeTable>>,
+    #[serde(default)]
+    light: Vec<Spanned<LightTable>>,
+    #[serde(default)]
+    render: PictureOptions,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+struct MeshTable {
+    path: PathBuf,
+    translate: Option<[f64; 3]>,
+    rotate: Option<[f64; 3]>,
+    scale: Option<Scale>,
+    texture: Option<PathBuf>,
+    surfels: Option<usize>,
+    surfel_spacing: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+struct VolumeTable {
+    path: PathBuf,
+    translate: Option<[f64; 3]>,
+    rotate: Option<[f64; 3]>,
+    scale: Option<Scale>,
+    dims: Option<[usize; 3]>,
+    #[serde(rename = "type")]
+    sample_type: Option<SampleKind>,
+    endian: Option<ByteOrder>,
+    spacing: Option<[f64; 3]>,
+    iso: Option<Vec<f32>>,
+    iso_color: Option<Rgba>,
+    transfer: Option<String>,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(untagged, expecting = "`scale` is one number or three")]
+enum Scale {
+    Uniform(f64),
+    Axes([f64; 3]),
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LightTable {
+    kind: LightKind,
+    towards: Option<[f64; 3]>,
+    position: Option<[f64; 3]>,
+    color: Option<Rgba>,
+    intensity: Option<f32>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum LightKind {
+    Ambient,
+    Directional,
+    Point,
+}
+
+/// Reads a scene file. Paths in it are relative to it.
+pub(crate) fn read(path: &Path) -> Result<Description> {
+    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    parse(&text, folder).map_err(|problem| {
+        let place = problem.span.map_or_else(String::new, |span| place(&text, span));
+        anyhow::anyhow!("{}{place}: {}", path.display(), problem.message)
+    })
+}
+
+/// What is wrong, and where in the text.
+struct Problem {
+    message: String,
+    span: Option<Range<usize>>,
+}
+
+fn parse(text: &str, folder: &Path) -> Result<Description, Problem> {
+    let file: File = toml::from_str(text).map_err(|e| Problem {
+        // The message may go over several lines; errors are said on one.
+        message: e.message().trim().replace('\n', ", "),
+        span: e.span(),
+    })?;
+    let version = *file.version.get_ref();
+    if version != VERSION {
+        return Err(Problem {
+            message: format!("version {version} is unknown; this program reads version {VERSION}"),
+            span: Some(file.version.span()),
+        });
+    }
+
+    let mut sources = Vec::new();
+    for table in file.volume {
+        sources.push(at_span(table, |t| t.source(folder))?);
+    }
+    for table in file.mesh {
+        sources.push(at_span(table, |t| t.source(folder))?);
+    }
+    let lights =
+        file.light.into_iter().map(|table| at_span(table, LightTable::light)).collect::<Result<_, _>>()?;
+    Ok(Description { camera: file.camera, picture: file.render, sources, lights })
+}
+
+/// Converts a table; an error gets its place.
+fn at_span<T, U>(table: Spanned<T>, convert: impl FnOnce(T) -> Result<U>) -> Result<U, Problem> {
+    let span = table.span();
+    convert(table.into_inner()).map_err(|e| Problem { message: format!("{e:#}"), span: Some(span) })
+}
+
+/// `, line 3, column 5 (`iso = []`)`.
+fn place(text: &str, span: Range<usize>) -> String {
+    let start = text.floor_char_boundary(span.start);
+    let before = &text[..start];
+    let line_start = before.rfind('\n').map_or(0, |i| i + 1);
+    let (line, column) = (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1);
+    let source = text[line_start..].lines().next().unwrap_or("").trim();
+    format!(", line {line}, column {column} (`{source}`)")
+}
+
+impl MeshTable {
+    fn source(self, folder: &Path) -> Result<Source> {
+        Ok(Source {
+            path: folder.join(self.path),
+            kind: Some(Kind::Mesh),
+            placement: placement(self.translate, self.rotate, self.scale)?,
+            file: FileOptions {
+                texture: self.texture.map(|path| folder.join(path)),
+                ..FileOptions::default()
+            },
+            look: Look { surfels: self.surfels, surfel_spacing: self.surfel_spacing, ..Look::default() },
+        })
+    }
+}
+
+impl VolumeTable {
+    fn source(self, folder: &Path) -> Result<Source> {
+        // What is no preset is a file beside this one.
+        let transfer = self.transfer.map(|name| {
+            if transfer::is_preset(&name) { name } else { folder.join(name).to_string_lossy().into_owned() }
+        });
+        Ok(Source {
+            path: folder.join(self.path),
+            kind: Some(Kind::Volume),
+            placement: placement(self.translate, self.rotate, self.scale)?,
+            file: FileOptions {
+                dims: self.dims,
+                sample_type: self.sample_type,
+                endian: self.endian,
+                spacing: self.spacing,
+                texture: None,
+            },
+            look: Look { iso: self.iso, iso_color: self.iso_color, transfer, ..Look::default() },
+        })
+    }
+}
+
+/// Scales, then rotates about x, y, z in that order, then translates.
+fn placement(
+    translate: Option<[f64; 3]>,
+    rotate_degrees: Option<[f64; 3]>,
+    scale: Option<Scale>,
+) -> Result<DAffine3> {
+    let scale = match scale.unwrap_or(Scale::Uniform(1.0)) {
+        Scale::Uniform(s) => DVec3::splat(s),
+        Scale::Axes(axes) => DVec3::from(axes),
+    };
+    ensure!(scale.is_finite() && scale.min_element() > 0.0, "scale is {scale}; it must be above 0");
+    let [x, y, z] = rotate_degrees.unwrap_or_default().map(f64::to_radians);
+    let rotation = DMat3::from_quat(DQuat::from_euler(EulerRot::ZYX, z, y, x));
+    let placement = DAffine3::from_mat3_translation(
+        rotation * DMat3::from_diagonal(scale),
+        DVec3::from(translate.unwrap_or_default()),
+    );
+    ensure!(placement.is_finite(), "translate and rotate must be finite");
+    Ok(placement)
+}
+
+impl LightTable {
+    fn light(self) -> Result<Light> {
+        let intensity = self.intensity.unwrap_or(1.0);
+        ensure!(intensity >= 0.0 && intensity.is_finite(), "intensity is {intensity}; it must be at least 0");
+        let [r, g, b, _] = self.color.map_or([1.0; 4], |c| c.0).map(|c| c * intensity);
+        let color = [r, g, b];
+        let finite = |v: [f64; 3]| {
+            let v = DVec3::from(v);
+            ensure!(v.is_finite(), "{v} is not finite");
+            Ok(v)
+        };
+        Ok(match (self.kind, self.towards, self.position) {
+            (LightKind::Ambient, None, None) => Light::Ambient { color },
+            (LightKind::Directional, Some(towards), None) => {
+                let towards = finite(towards)?;
+                ensure!(towards != DVec3::ZERO, "`towards` must not be zero");
+                Light::Directional { towards, color }
+            }
+            (LightKind::Point, None, Some(position)) => Light::Point { position: finite(position)?, color },
+            (LightKind::Ambient, ..) => bail!("an ambient light has neither `towards` nor `position`"),
+            (LightKind::Directional, ..) => bail!("a directional light needs `towards`, and only that"),
+            (LightKind::Point, ..) => bail!("a point light needs `position`, and only that"),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn problem(text: &str) -> String {
+        let Err(problem) = parse(text, Path::new("folder")) else { panic!("{text} passed") };
+        format!("{}{}", problem.span.map_or(String::new(), |s| place(text, s)), problem.message)
+    }
+
+    #[test]
+    fn a_whole_file() {
+        let text = "version = 1\n[camera]\neye = [1, -2.5, 3]\n[[mesh]]\npath = 'a.glb'\nscale = 2\n\
+                    rotate = [0, 0, 90]\ntranslate = [10, 0, 0]\n[[volume]]\npath = 'v.raw'\ndims = [2, 3, 4]\n\
+                    type = 'u16'\nendian = 'big'\niso = [3]\n[[light]]\nkind = 'ambient'\nintensity = 0.5\n\
+                    [render]\nlow-pass = 0.5\nbackground = '#ffffff00'\nfootprint = 'exact'\n";
+        let scene = parse(text, Path::new("folder")).map_err(|p| p.message).unwrap();
+        assert_eq!(scene.camera.eye, Some([1.0, -2.5, 3.0]));
+        assert_eq!(scene.picture.low_pass, Some(0.5));
+        assert_eq!(scene.sources.len(), 2);
+        assert_eq!(scene.sources[0].file.dims, Some([2, 3, 4]));
+        let mesh = &scene.sources[1];
+        assert_eq!(mesh.path, Path::new("folder/a.glb"));
+        // x is scaled to 2, turned to y, moved along x.
+        let moved = mesh.placement.transform_point3(DVec3::X);
+        assert!((moved - DVec3::new(10.0, 2.0, 0.0)).length() < 1e-12, "{moved}");
+        assert_eq!(scene.lights, [Light::Ambient { color: [0.5; 3] }]);
+    }
+
+    #[test]
+    fn mistakes_show_their_place() {
+        let unknown = problem("version = 1\n[[mesh]]\npath = 'a'\n  colour = 3\n");
+        assert!(unknown.contains("line 4, column 3"), "{unknown}");
+        assert!(unknown.contains("colour"), "{unknown}");
+        assert!(problem("version = 2").contains("version 2 is unknown"));
+        assert!(problem("[camera]").contains("version"));
+        let light = problem("version = 1\n[[light]]\nkind = 'point'\n");
+        assert!(light.contains("line 2") && light.contains("position"), "{light}");
+        assert!(problem("version = 1\n[[mesh]]\npath = 'a'\nscale = -1\n").contains("above 0"));
+        assert!(problem("version = 1\n[[mesh]]\npath = 'a'\nscale = 'big'\n").contains("line 4"));
+        assert!(problem("version = 1\n[render]\nfootprint = 'fine'\n").contains("line 3"));
+    }
+}

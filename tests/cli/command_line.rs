@@ -1,0 +1,147 @@
+//! What the command line takes and refuses.
+
+use crate::place::Workplace;
+
+#[test]
+fn help_lists_every_option_with_its_default() {
+    let [help, _] = Workplace::new().run(&["render", "--help"]);
+    for option in [
+        "--size",
+        "--fov",
+        "--eye",
+        "--target",
+        "--up",
+        "--iso",
+        "--transfer",
+        "--dims",
+        "--type",
+        "--endian",
+        "--spacing",
+        "--surfels",
+        "--surfel-spacing",
+        "--shade",
+        "--background",
+        "--footprint",
+        "--low-pass",
+        "--blend",
+        "--reference",
+        "--samples",
+        "--threads",
+        "--repeat",
+        "--stats",
+        "--quiet",
+        "--output",
+    ] {
+        assert!(help.contains(option), "{option} is missing");
+    }
+    let flat = help.split_whitespace().collect::<Vec<_>>().join(" ");
+    for default in [
+        "[default: 1024x1024]",
+        "[default: 30]",
+        "[default: oblate.png]",
+        "[default: 202020]",
+        "[default: auto]",
+        "[default: 0.3]",
+        "[default: linear]",
+        "[default: on]",
+        "[default: off]",
+        "[default: all cores]",
+        "[default: 1]",
+        "[default: 8]",
+        "at most 4 million]",
+    ] {
+        assert!(flat.contains(default), "{default} is missing");
+    }
+}
+
+#[test]
+fn wrong_options_are_refused_in_one_message_and_leave_no_file() {
+    let place = Workplace::new();
+    place.cube();
+    place.write("scene.toml", "version = 1\n[[mesh]]\npath = 'cube.obj'\n");
+    place.write("empty.toml", "version = 1\n");
+    place.write("nonsense.bin", [0, 1, 2, 3]);
+    let before = place.files();
+    for (args, says) in [
+        (&["--size", "10"][..], "640x480"),
+        (&["--size", "0x10"], "1 to 65536"),
+        (&["--eye", "1,2"], "1,-2,3.5"),
+        (&["--eye", "1,2,nan"], "not finite"),
+        (&["--eye", "1,1,1", "--target", "1,1,1"], "must differ"),
+        (&["--fov", "0"], "between 0 and 180"),
+        (&["--fov", "30", "--orthographic", "3"], "cannot be used with"),
+        (&["--orthographic", "-1"], "above 0"),
+        (&["--low-pass", "-1"], "at least 0"),
+        (&["--background", "red"], "RRGGBB"),
+        (&["--shade", "maybe"], "`on` nor `off`"),
+        (&["--footprint", "fine"], "auto, affine, exact"),
+        (&["--samples", "4"], "--reference r2"),
+        (&["--threads", "0"], "at least 1"),
+        (&["--repeat", "0"], "at least 1"),
+        (&["--surfels", "0"], "above 0"),
+        (&["--surfels", "9", "--surfel-spacing", "1"], "cannot be used with"),
+        (&["--surfel-spacing", "-1"], "above 0"),
+        (&["--surfel-spacing", "1e-9"], "at most 100000000"),
+        (&["-o", "picture.jpg"], ".png or .exr"),
+        (&["-o", "picture"], ".png or .exr"),
+        (&["-o", "picture.exr", "--bits", "16"], "--bits"),
+        (&["-o", "nowhere/picture.png"], "cannot write nowhere/picture.png"),
+        (&["--stats", "nowhere/stats.json"], "cannot write nowhere/stats.json"),
+        (&["missing.glb"], "missing.glb"),
+        (&["nonsense.bin"], "nonsense.bin"),
+        (&["scene.toml"], "a scene file stands alone"),
+        (&["--iso", "1,x"], "not a finite number"),
+    ] {
+        let message = place.refusal(&[&["render", "cube.obj", "--size", "16x16"], args].concat());
+        // A repeated --size is itself refused, with the place where it is wrong or not.
+        assert!(message.contains(says) || args[0] == "--size", "{args:?}: {message}");
+        assert!(message.starts_with("error: "), "{args:?}: {message}");
+        assert_eq!(place.files(), before, "{args:?}");
+    }
+    assert!(place.refusal(&["render", "--size", "10"]).contains("640x480"));
+    assert!(place.refusal(&["render", "--size", "0x10"]).contains("1 to 65536"));
+    assert!(place.refusal(&["render", "empty.toml"]).contains("[[mesh]]"));
+    assert!(place.refusal(&["render", "missing.toml"]).contains("missing.toml"));
+    assert_eq!(place.files(), before);
+}
+
+#[test]
+fn presets_are_listed() {
+    let place = Workplace::new();
+    let [out, err] = place.run(&["render", "--transfer", "list"]);
+    assert!(out.lines().count() >= 3 && out.contains("grey"), "{out}");
+    assert_eq!(err, "");
+    assert!(place.files().is_empty());
+}
+
+#[test]
+fn an_unknown_transfer_function_is_refused_with_the_presets() {
+    let place = Workplace::new();
+    place.ball();
+    let message = place.refusal(&["render", "ball_16x16x16_uint8.raw", "--transfer", "nosuch"]);
+    assert!(message.contains("nosuch") && message.contains("grey"), "{message}");
+    place.write("bad.txt", "transfer 1\nstrength loud\n");
+    let message = place.refusal(&["render", "ball_16x16x16_uint8.raw", "--transfer", "bad.txt"]);
+    assert!(message.contains("bad.txt: line 2"), "{message}");
+}
+
+#[test]
+fn info_tells_meshes_and_volumes() {
+    let place = Workplace::new();
+    place.cube();
+    place.ball();
+    let [mesh, _] = place.run(&["info", "cube.obj"]);
+    for says in ["mesh", "triangles   12", "area        24", "bounds      -1, -1, -1 to 1, 1, 1"] {
+        assert!(mesh.contains(says), "{says} is missing in {mesh}");
+    }
+    let [volume, _] = place.run(&["info", "ball_16x16x16_uint8.raw", "--spacing", "1,1,2"]);
+    for says in
+        ["16×16×16 voxels of u8", "spacing     1, 1, 2", "to 15, 15, 30", "values      0 to ", "--iso "]
+    {
+        assert!(volume.contains(says), "{says} is missing in {volume}");
+    }
+    let [plain, _] = place.run(&["info", "ball_16x16x16_uint8.raw", "--dims", "16x16x8", "--type", "u16"]);
+    assert!(plain.contains("16×16×8 voxels of u16"), "{plain}");
+    let message = place.refusal(&["info", "ball_16x16x16_uint8.raw", "--dims", "16x16x17"]);
+    assert!(message.contains("4096") && message.contains("4352"), "{message}");
+}

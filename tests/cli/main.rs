@@ -1,0 +1,9 @@
+//! The whole program, run as its users run it.
+
+#![expect(clippy::unwrap_used, reason = "what is not there fails the test")]
+
+mod command_line;
+mod compare;
+mod place;
+mod render;
+mod scene_files;
