@@ -214,7 +214,7 @@ impl<'a> Setup<'a> {
                     color,
                     normal: if away { -own } else { own },
                     material: &splats.material,
-                    depth_tolerance: f64::from(surface.depth_tolerance),
+                    depth_tolerance: f64::from(surface.depth_tolerance) * placed.volume_scale.cbrt(),
                     coverage_floor: f64::from(surface.coverage_floor),
                 };
                 let cutoff = self.settings.cutoff;

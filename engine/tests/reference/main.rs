@@ -1,6 +1,7 @@
 //! The references against answers that are numbers.
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
+#![allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
 
 use glam::{DAffine3, DMat3, DVec2, DVec3, Mat3, Vec3};
 use oblate_engine::cloud::oblate_factor;
@@ -12,8 +13,6 @@ use oblate_engine::{
 };
 use std::f64::consts::TAU;
 use std::sync::Mutex;
-
-#![allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
 
 mod pictures;
 mod surfaces;
