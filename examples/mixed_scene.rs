@@ -5,13 +5,21 @@
 use oblate::engine::color::linear_to_srgb;
 use oblate::engine::{Camera, Pose, RenderSettings, Scene, render};
 use oblate::surfels::{Density, Mesh, SamplerSettings, primitives, sample, view_spacing};
-use oblate::volumes::{IsoSettings, KernelSettings, TransferFunction, iso_surfels, shepp_logan, to_kernels};
+use oblate::volumes::{
+    GridFrame, IsoSettings, KernelSettings, TransferFunction, Volume, Voxels, iso_surfels, to_kernels,
+};
 use std::error::Error;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    // What there is: a head phantom in the cube from −1 to 1, and a knot around it.
+    // What there is: a cloud of 64³ values that fall from its middle, and a knot around it.
     // `oblate::importers::open` reads volumes and meshes from files.
-    let head = shepp_logan(96)?;
+    let value = |i: usize| {
+        let [x, y, z] = [i % 64, i / 64 % 64, i / 4096].map(|n| (n as f32 - 31.5) / 32.0);
+        1.0 - (x * x + y * y + 2.0 * z * z).sqrt()
+    };
+    let frame =
+        GridFrame { spacing: [1.0 / 32.0; 3].into(), origin: [-63.0 / 64.0; 3].into(), ..Default::default() };
+    let cloud = Volume::new([64; 3], Voxels::F32((0..64 * 64 * 64).map(value).collect()), frame)?;
     let knot = Mesh { primitives: vec![primitives::torus_knot(2, 3, 0.15, [400, 40])] };
 
     // From where it is seen: z is up, 30° from top to bottom, 600×600 pixels.
@@ -19,20 +27,20 @@ fn main() -> Result<(), Box<dyn Error>> {
     let pose = Pose::look_at([3.5, -4.5, 2.5].into(), [0.0; 3].into(), [0.0, 0.0, 1.0].into())?;
     let camera = Camera::perspective(pose, 30f64.to_radians(), size)?;
 
-    // The inside of the head as kernels: nothing below 0.1, a red brain, a white skull.
+    // Its outer parts as kernels, blue: value, red, green, blue, extinction per unit length.
     let look: TransferFunction = "transfer 1\nstrength extinction\ncolor srgb\n\
-                                  0.1 0.8 0.2 0.1 0\n 0.25 0.9 0.3 0.2 0.9\n 1.0 1.0 0.95 0.85 2.5"
+                                  0.0 0.2 0.4 0.9 0\n 0.4 0.5 0.7 1.0 3"
         .parse()?;
-    let inside = to_kernels(&head, &look, &KernelSettings::default())?;
+    let haze = to_kernels(&cloud, &look, &KernelSettings::default())?;
 
-    // The skull's surface, and surfels on the knot: one a pixel.
-    let skull = iso_surfels(&head, 0.6, &IsoSettings { opacity: 0.3, ..IsoSettings::default() })?;
+    // The surface of its core in orange, and surfels on the knot: one a pixel.
+    let core = iso_surfels(&cloud, 0.5, &IsoSettings { color: [0.9, 0.3, 0.05], ..Default::default() })?;
     let spacing = view_spacing(&camera, knot.bounds().ok_or("the knot is empty")?);
     let knot = sample(&knot, Density::Spacing(spacing), &SamplerSettings::default())?;
 
     // All in one picture, before dark grey. Without lights there is a headlight.
-    let scene = Scene { clouds: vec![inside, skull, knot], lights: Vec::new() };
-    let settings = RenderSettings { background: [0.02, 0.02, 0.02, 1.0], ..RenderSettings::default() };
+    let scene = Scene { clouds: vec![haze, core, knot], lights: Vec::new() };
+    let settings = RenderSettings { background: [0.02, 0.02, 0.02, 1.0], ..Default::default() };
     let frame = render(&scene, &camera, &settings, &())?;
 
     // Linear light to sRGB bytes; the background is opaque, so nothing is premultiplied.

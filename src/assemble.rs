@@ -115,7 +115,7 @@ fn volume_clouds(volume: &Volume, look: &Look) -> Result<Vec<Cloud>> {
         clouds.push(iso_surfels(volume, *iso, &settings)?);
     }
     if look.transfer.is_some() || clouds.is_empty() {
-        let function = transfer::resolve(look.transfer.as_deref(), volume)?;
+        let function = transfer::resolve(look.transfer.as_ref(), volume)?;
         clouds.push(to_kernels(volume, &function, &KernelSettings::default())?);
     }
     Ok(clouds)

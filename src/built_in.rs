@@ -2,7 +2,7 @@
 //! half transparent with the surfaces of its organs inside.
 
 use crate::content::{Body, Item, placed_mesh};
-use crate::description::{Description, Look, PictureOptions};
+use crate::description::{Description, Look, Transfer};
 use crate::notation::Rgba;
 use crate::progress::Console;
 use anyhow::Result;
@@ -15,18 +15,26 @@ use std::sync::Arc;
 /// Samples along a side of the phantom.
 const SAMPLES: usize = 160;
 
-/// Its lights and what is behind it; the camera is framed.
+/// The skull as tinted glass, clear where it is thin; the brain is not drawn.
+const GLASS: &str = "
+    transfer 1
+    strength extinction
+    color srgb
+    0.22  0.10 0.40 0.50  0
+    0.50  0.30 0.66 0.70  2.5
+    0.80  0.75 0.95 0.92  6
+";
+
+/// Its lights; the camera is framed.
 pub(crate) fn description() -> Description {
-    let background = Some(Rgba::from_bytes([0x16, 0x1a, 0x20, 0xff]));
-    let picture = PictureOptions { background, ..PictureOptions::default() };
-    Description { picture, lights: lights(), ..Description::default() }
+    Description { lights: lights(), ..Description::default() }
 }
 
 /// Warm from the upper left, cool from the right, a little from everywhere.
 fn lights() -> Vec<Light> {
     vec![
-        Light::Ambient { color: [0.45, 0.5, 0.6] },
-        Light::Directional { towards: DVec3::new(-0.6, -0.9, 1.3), color: [1.15, 1.05, 0.9] },
+        Light::Ambient { color: [0.55, 0.6, 0.7] },
+        Light::Directional { towards: DVec3::new(-0.6, -0.9, 1.3), color: [1.35, 1.25, 1.1] },
         Light::Directional { towards: DVec3::new(1.0, -0.4, 0.1), color: [0.18, 0.25, 0.4] },
     ]
 }
@@ -34,11 +42,15 @@ fn lights() -> Vec<Light> {
 /// What is in it.
 pub(crate) fn items(console: Console) -> Result<Vec<Item>> {
     let _task = console.task("making the built-in scene");
-    let phantom = shepp_logan(SAMPLES)?;
+    let phantom = smoothed(&shepp_logan(SAMPLES)?)?;
     let organs = inner(&phantom)?;
     let item = |name: &str, body, look| Item { name: name.into(), body, look };
     Ok(vec![
-        item("phantom", Body::Volume(phantom), Look { transfer: Some("cool".into()), ..Look::default() }),
+        item(
+            "phantom",
+            Body::Volume(phantom),
+            Look { transfer: Some(Transfer::Made(GLASS.parse()?)), ..Look::default() },
+        ),
         item(
             "organs",
             Body::Volume(organs),
@@ -50,6 +62,21 @@ pub(crate) fn items(console: Console) -> Result<Vec<Item>> {
         ),
         item("knot", Body::Mesh(knot()), Look::default()),
     ])
+}
+
+/// The phantom with each axis filtered by (1 2 1)/4: its skull is thinner than the lattice can hold, and
+/// would show rings.
+fn smoothed(phantom: &Volume) -> Result<Volume> {
+    let [nx, ny, _] = phantom.dims();
+    let mut values: Vec<f32> = (0..phantom.voxels().len()).map(|i| phantom.voxels().get(i)).collect();
+    for step in [1, nx, nx * ny] {
+        let before = values.clone();
+        // Neighbours across the end of a row are both empty.
+        for i in step..values.len() - step {
+            values[i] = 0.25 * before[i - step] + 0.5 * before[i] + 0.25 * before[i + step];
+        }
+    }
+    Ok(Volume::new(phantom.dims(), Voxels::F32(values), phantom.frame())?)
 }
 
 /// The phantom inside its skull; outside nothing.

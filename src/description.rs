@@ -7,7 +7,9 @@ use crate::notation::{self, Rgba};
 use clap::{Args, ValueEnum};
 use glam::DAffine3;
 use oblate::engine::{Blend, FootprintForm, Light};
+use oblate::volumes::TransferFunction;
 use serde::Deserialize;
+use std::convert::Infallible;
 use std::path::PathBuf;
 
 /// A scene before its files are read.
@@ -255,8 +257,8 @@ pub(crate) struct Look {
     pub(crate) iso: Option<Vec<f32>>,
     /// Volumes: draws the inside under a transfer function: a preset's name or a file; `list` prints the
     /// presets [default without --iso: one fitted to the volume's histogram]
-    #[arg(long, value_name = "NAME|FILE|list")]
-    pub(crate) transfer: Option<String>,
+    #[arg(long, value_name = "NAME|FILE|list", value_parser = Transfer::named)]
+    pub(crate) transfer: Option<Transfer>,
     /// Linear colour of iso-surfaces; the command line has no say in it.
     #[arg(skip)]
     pub(crate) iso_color: Option<Rgba>,
@@ -280,6 +282,21 @@ impl Look {
             transfer: self.transfer.or(under.transfer),
             iso_color: self.iso_color.or(under.iso_color),
         }
+    }
+}
+
+/// What values look like.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Transfer {
+    /// A preset, else a file.
+    Named(String),
+    /// Already there.
+    Made(TransferFunction),
+}
+
+impl Transfer {
+    fn named(name: &str) -> Result<Self, Infallible> {
+        Ok(Self::Named(name.to_owned()))
     }
 }
 

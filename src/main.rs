@@ -28,7 +28,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    Render(command::render::RenderArgs),
+    Render(Box<command::render::RenderArgs>),
     Info(command::info::InfoArgs),
     Compare(command::compare::CompareArgs),
 }
@@ -36,7 +36,7 @@ enum Command {
 fn main() -> ExitCode {
     // Clap itself exits with 2 on options that it can't read.
     let result = match Cli::parse().command {
-        Command::Render(args) => command::render::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Render(args) => command::render::run(*args).map(|()| ExitCode::SUCCESS),
         Command::Info(args) => command::info::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Compare(args) => command::compare::run(&args),
     };

@@ -32,6 +32,7 @@
 
 use crate::description::{
     ByteOrder, CameraOptions, Description, FileOptions, Kind, Look, PictureOptions, SampleKind, Source,
+    Transfer,
 };
 use crate::notation::Rgba;
 use crate::transfer;
@@ -193,7 +194,8 @@ impl VolumeTable {
     fn source(self, folder: &Path) -> Result<Source> {
         // What is no preset is a file beside this one.
         let transfer = self.transfer.map(|name| {
-            if transfer::is_preset(&name) { name } else { folder.join(name).to_string_lossy().into_owned() }
+            let beside = |name| folder.join(name).to_string_lossy().into_owned();
+            Transfer::Named(if transfer::is_preset(&name) { name } else { beside(name) })
         });
         Ok(Source {
             path: folder.join(self.path),

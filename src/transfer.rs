@@ -1,5 +1,6 @@
 //! `--transfer`: presets and files.
 
+use crate::description::Transfer;
 use anyhow::{Context, Result};
 use oblate::volumes::{PRESETS, TransferFunction, Volume, preset};
 use std::fmt::Write;
@@ -9,9 +10,14 @@ pub(crate) fn is_preset(name: &str) -> bool {
     preset(name).is_some()
 }
 
-/// The transfer function called `name`: a preset fitted to the volume, else a file; `None` is the first
-/// preset.
-pub(crate) fn resolve(name: Option<&str>, volume: &Volume) -> Result<TransferFunction> {
+/// The transfer function that is meant for the volume: presets are fitted to it, files read; `None` is the
+/// first preset.
+pub(crate) fn resolve(wanted: Option<&Transfer>, volume: &Volume) -> Result<TransferFunction> {
+    let name = match wanted {
+        Some(Transfer::Made(function)) => return Ok(function.clone()),
+        Some(Transfer::Named(name)) => Some(name.as_str()),
+        None => None,
+    };
     let fitted = name.map_or(PRESETS.first(), preset);
     if let Some(preset) = fitted {
         return Ok(preset.fit(volume)?);

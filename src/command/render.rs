@@ -3,7 +3,7 @@
 use super::print;
 use crate::assemble::{Assembled, assemble};
 use crate::content::{Item, load};
-use crate::description::{CameraOptions, Description, FileOptions, Look, PictureOptions, Source};
+use crate::description::{CameraOptions, Description, FileOptions, Look, PictureOptions, Source, Transfer};
 use crate::draw::{Drawing, draw_repeatedly};
 use crate::output::Output;
 use crate::picture::Format;
@@ -66,7 +66,7 @@ fn bits(text: &str) -> Result<u8, String> {
 
 pub(crate) fn run(args: RenderArgs) -> Result<()> {
     let begun = Instant::now();
-    if args.look.transfer.as_deref() == Some("list") {
+    if matches!(&args.look.transfer, Some(Transfer::Named(name)) if name == "list") {
         return print(&transfer::list());
     }
     let console = Console { quiet: args.quiet };
