@@ -1,9 +1,10 @@
 //! Stage `composite`: fragments to runs. Between cuts things add, cuts fold with *over*.
 
 use crate::bin::TILE;
+use crate::exponential::opacity;
 use crate::footprint::Records;
 use crate::layers::{Cuts, MAX_LAYERS};
-use crate::raster::Fragments;
+use crate::raster::{Fragment, Fragments};
 use glam::Vec4;
 
 /// A surface layer at a pixel.
@@ -93,22 +94,17 @@ impl Compositor<'_> {
         let mut start = 0;
         for (index, end) in &fragments.splats {
             let color = self.records.records[*index as usize].color;
-            for i in start..*end {
-                let pixel = fragments.pixels[i] as usize;
-                let fragment = Fragment {
-                    depth: fragments.depths[i],
-                    sigma_z: fragments.sigma_zs[i],
-                    optical_depth: fragments.optical_depths[i],
-                    color,
-                };
-                self.add_fragment(&fragment, cuts.of(pixel), &mut runs.runs[pixel * SEGMENTS..][..SEGMENTS]);
+            for fragment in &fragments.fragments[start..*end] {
+                let pixel = fragment.pixel as usize;
+                let runs = &mut runs.runs[pixel * SEGMENTS..][..SEGMENTS];
+                self.add_fragment(fragment, color, cuts.of(pixel), runs);
             }
             start = *end;
         }
     }
 
     #[inline(always)]
-    fn add_fragment(&self, fragment: &Fragment, cuts: &[Cut], runs: &mut [Run]) {
+    fn add_fragment(&self, fragment: &Fragment, color: [f32; 3], cuts: &[Cut], runs: &mut [Run]) {
         if runs[0].transmittance <= self.spent {
             return;
         }
@@ -121,8 +117,8 @@ impl Compositor<'_> {
             if farthest > from && nearest < to {
                 let whole = nearest >= from && farthest <= to;
                 let share = if whole { 1.0 } else { fragment.share(from, to) };
-                let alpha = -(-share * fragment.optical_depth).exp_m1();
-                *run = run.over(Run::layer(fragment.color, fragment.depth.clamp(from, to), alpha));
+                let alpha = opacity(share * fragment.optical_depth);
+                *run = run.over(Run::layer(color, fragment.depth.clamp(from, to), alpha));
             }
             if farthest <= to || cut.is_some_and(|cut| cut.alpha >= 1.0) {
                 return;
@@ -134,14 +130,6 @@ impl Compositor<'_> {
 
 /// Beyond this many σ_z a kernel has 6e-5 of its mass, which counts as none.
 const REACH: f32 = 4.0;
-
-/// A volume kernel at a pixel.
-struct Fragment {
-    depth: f32,
-    sigma_z: f32,
-    optical_depth: f32,
-    color: [f32; 3],
-}
 
 impl Fragment {
     /// The share of the kernel between two depths: Φ((to − z)/σ_z) − Φ((from − z)/σ_z).

@@ -18,6 +18,7 @@ pub mod cloud;
 pub mod color;
 mod composite;
 mod cull;
+mod exponential;
 pub mod footprint;
 pub mod frame;
 mod layers;

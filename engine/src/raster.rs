@@ -1,6 +1,7 @@
 //! Stage `raster`: a tile's records to fragments and surface samples.
 
 use crate::bin::TILE;
+use crate::exponential::exp;
 use crate::footprint::{Form, Kind, Lens, Record, RecordHit, Records, Rect};
 use glam::DVec2;
 
@@ -21,27 +22,30 @@ impl Tile {
     }
 }
 
-/// Fragments of consecutive splats, front to back; parallel arrays.
+/// A volume kernel at a pixel.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Fragment {
+    /// z of the densest point.
+    pub(crate) depth: f32,
+    /// Spread in z.
+    pub(crate) sigma_z: f32,
+    /// Optical depth of the whole kernel there.
+    pub(crate) optical_depth: f32,
+    /// Row · TILE + column in the tile.
+    pub(crate) pixel: u16,
+}
+
+/// Fragments of consecutive splats, front to back.
 #[derive(Default)]
 pub(crate) struct Fragments {
-    /// Row · TILE + column in the tile.
-    pub(crate) pixels: Vec<u16>,
-    /// Optical depth.
-    pub(crate) optical_depths: Vec<f32>,
-    /// z of the densest point.
-    pub(crate) depths: Vec<f32>,
-    /// Spread in z.
-    pub(crate) sigma_zs: Vec<f32>,
+    pub(crate) fragments: Vec<Fragment>,
     /// For each splat, its record and where its fragments end.
     pub(crate) splats: Vec<(u32, usize)>,
 }
 
 impl Fragments {
     pub(crate) fn clear(&mut self) {
-        self.pixels.clear();
-        self.optical_depths.clear();
-        self.depths.clear();
-        self.sigma_zs.clear();
+        self.fragments.clear();
         self.splats.clear();
     }
 }
@@ -108,7 +112,7 @@ impl Rasterizer<'_> {
             let change = slope_x * x + slope_y * y;
             let facing = record.amplitude + change;
             let used = if record.form == Form::Exact { facing } else { record.amplitude };
-            let weight = used.abs() * hit.scale * (-0.5 * hit.r).exp();
+            let weight = used.abs() * hit.scale * exp(-0.5 * hit.r);
             if weight > 0.0 && hit.z > self.near {
                 let rise = -zeta * change / if perspective { facing } else { record.amplitude };
                 let plane_offset = record.depth + rise - hit.z;
@@ -124,18 +128,15 @@ impl Rasterizer<'_> {
     pub(crate) fn fragments(&self, index: u32, tile: Tile, out: &mut Fragments) {
         let record = &self.records.records[index as usize];
         self.for_each_hit(index, tile, |pixel, offset, hit| {
-            let amplitude = record.amplitude * (-0.5 * hit.r).exp();
+            let amplitude = record.amplitude * exp(-0.5 * hit.r);
             let optical_depth = match (record.kind, record.form) {
                 (Kind::Opacity, _) => -(-amplitude.min(LARGEST_ALPHA)).ln_1p(),
                 (_, Form::Affine) => amplitude,
                 (_, Form::Exact) => amplitude * hit.scale * self.ray_length(record, offset),
             };
-            out.pixels.push(pixel);
-            out.optical_depths.push(optical_depth);
-            out.depths.push(hit.z);
-            out.sigma_zs.push(hit.sigma_z);
+            out.fragments.push(Fragment { depth: hit.z, sigma_z: hit.sigma_z, optical_depth, pixel });
         });
-        out.splats.push((index, out.pixels.len()));
+        out.splats.push((index, out.fragments.len()));
     }
 
     fn ray_length(&self, record: &Record, [x, y]: [f32; 2]) -> f32 {

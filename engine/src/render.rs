@@ -198,13 +198,13 @@ impl<'a> TileDrawer<'a> {
         while volume.peek().is_some() {
             observer.begin(Stage::Raster);
             fragments.clear();
-            while fragments.pixels.len() < BATCH
+            while fragments.fragments.len() < BATCH
                 && let Some(index) = volume.next()
             {
                 self.rasterizer.fragments(*index, tile, fragments);
             }
             observer.end(Stage::Raster);
-            count += fragments.pixels.len() as u64;
+            count += fragments.fragments.len() as u64;
             observer.begin(Stage::Composite);
             self.compositor.add(fragments, cuts, runs);
             let done = runs.all_spent(tile.pixels(), self.compositor.spent);
