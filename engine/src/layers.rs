@@ -59,6 +59,7 @@ struct First {
     farthest: f32,
     id: u32,
     record: u32,
+    normal: Vec3,
 }
 
 /// Turns samples into cuts. Behind a transmittance of `spent` nothing is kept.
@@ -116,8 +117,9 @@ impl<'a> LayerBuilder<'a> {
         let id = self.records.records[sample.record as usize].id;
         let nearer = layer.first.is_none_or(|first| (sample.depth, id) < (first.depth, first.id));
         if nearer {
+            let normal = self.records.surface_samples[sample.record as usize].normal.into();
             let farthest = sample.depth + sample.plane_offset.max(0.0);
-            layer.first = Some(First { depth: sample.depth, farthest, id, record: sample.record });
+            layer.first = Some(First { depth: sample.depth, farthest, id, record: sample.record, normal });
         }
     }
 
@@ -131,10 +133,14 @@ impl<'a> LayerBuilder<'a> {
         }
         let record = &self.records.records[sample.record as usize];
         let surface = &self.records.surface_samples[sample.record as usize];
+        // The two sides of a thin sheet would cancel: all normals point to the side of the first one's. Turning
+        // each to the viewer instead would cancel them along silhouettes.
+        let normal = Vec3::from(surface.normal);
+        let aligned = if normal.dot(first.normal) < 0.0 { -normal } else { normal };
         layer.weight += sample.weight;
         layer.opacity += sample.weight * surface.opacity;
         layer.depth += sample.weight * (sample.depth - first.depth);
-        layer.normal += Vec3::from(surface.normal) * sample.weight;
+        layer.normal += aligned * sample.weight;
         layer.color += Vec3::from(record.color) * sample.weight;
         true
     }

@@ -20,7 +20,7 @@ struct Case {
     name: &'static str,
     scene: Scene,
     camera: Camera,
-    /// PSNR in dB against R1 and R2, the largest error of a channel against R1 at 99.9 % of the pixels.
+    /// About 2 dB below what was measured: PSNR against R1 and R2; and the largest error of a channel against R1 at 99.9 % of the pixels.
     bounds: [f64; 3],
 }
 
@@ -91,13 +91,13 @@ fn cases() -> Vec<Case> {
                 sphere(2000, 0.7, [0.9, 0.4, 0.1]),
             ]),
             camera: view,
-            bounds: [75.0, 48.0, 0.002],
+            bounds: [75.0, 46.0, 0.002],
         },
         Case {
             name: "a shaded cloud cut by a tilted plane",
             scene: unlit(vec![cloudlet(6.0), small_plane().transformed(tilted(70.0, DVec3::ZERO))]),
             camera: view,
-            bounds: [44.0, 42.0, 0.025],
+            bounds: [44.0, 40.0, 0.025],
         },
         Case {
             name: "two clouds that overlap, lit by a point",
@@ -109,7 +109,7 @@ fn cases() -> Vec<Case> {
                 ],
             },
             camera: view,
-            bounds: [47.0, 45.0, 0.02],
+            bounds: [47.0, 44.0, 0.02],
         },
         Case {
             name: "trained kernels around a ball in fog",
@@ -129,7 +129,7 @@ fn cases() -> Vec<Case> {
                 shifted(plane(60, 0.08, [0.7; 3]), 0.0, 0.0, 1.5),
             ]),
             camera: view,
-            bounds: [75.0, 55.0, 0.002],
+            bounds: [75.0, 52.0, 0.002],
         },
     ]
 }
@@ -149,7 +149,7 @@ fn five_scenes_agree_with_both_references() {
     let settings = RenderSettings { background: [0.05, 0.05, 0.08, 1.0], ..RenderSettings::default() };
     for Case { name, scene, camera, bounds } in cases() {
         let frame = render(&scene, &camera, &settings, &()).unwrap();
-        let references = [ReferenceKind::R1, ReferenceKind::R2 { samples: 32 }]
+        let references = [ReferenceKind::R1, ReferenceKind::R2 { samples: 24 }]
             .map(|kind| reference(&scene, &camera, &settings, kind, &|_| ()).unwrap());
         let [r1, r2] = references.each_ref().map(|other| metrics(&frame, other));
         println!(

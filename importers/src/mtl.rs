@@ -10,13 +10,15 @@ use crate::{ImportError, Place, texture};
 use glam::Vec4;
 use oblate_surfels::{BaseColor, Texture, Wrap};
 use std::collections::HashMap;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Materials by name, each image read once.
 #[derive(Default)]
 pub(crate) struct Library {
     pub(crate) materials: HashMap<String, BaseColor>,
-    textures: HashMap<(String, bool), Arc<Texture>>,
+    /// By the naming file, the name in it and whether it is clamped.
+    textures: HashMap<(PathBuf, String, bool), Arc<Texture>>,
 }
 
 impl Library {
@@ -54,7 +56,7 @@ impl Library {
                 "map_Kd" => {
                     let (image, clamp) = map(file, place.clone(), rest)?;
                     let wrap = [if clamp { Wrap::Clamp } else { Wrap::Repeat }; 2];
-                    let key = (image.clone(), clamp);
+                    let key = (file.path.clone(), image.clone(), clamp);
                     let texture = match self.textures.get(&key) {
                         Some(texture) => Arc::clone(texture),
                         None => texture::read_named(file, place, &image, wrap)?,

@@ -21,6 +21,14 @@ use std::collections::HashMap;
 /// Reads a mesh.
 pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Mesh, ImportError> {
     let mut scene = Reader::new(file);
+    // Libraries first: materials may be used before the line that names their library.
+    for (number, line) in logical_lines(&file.bytes) {
+        if let Some(names) =
+            line.strip_prefix("mtllib").filter(|names| names.starts_with(char::is_whitespace))
+        {
+            scene.material_library(Place::Line(number), names.trim())?;
+        }
+    }
     for (number, line) in logical_lines(&file.bytes) {
         scene.line(number, line)?;
     }
@@ -118,7 +126,6 @@ impl<'a> Reader<'a> {
                 self.normals.push(Vec3::from_array(normal));
             }
             Some("f") => self.face(values()).map_err(|problem| self.file.malformed(place, problem))?,
-            Some("mtllib") => self.material_library(place, named())?,
             Some("usemtl") => self.use_material(place, named())?,
             _ => {}
         }

@@ -9,9 +9,6 @@ use crate::points::Points;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-/// Weight of squared distance between unit normals, in squared spacings: a right angle is one spacing.
-const NORMAL_WEIGHT: f32 = 0.5;
-
 /// Squared distance in squared spacings at which a plane gets one sample for each squared spacing: balls of
 /// half that diameter, dropped at random until none fits, cover 0.547 of it.
 const SEPARATION2: f32 = 0.697;
@@ -70,7 +67,7 @@ pub(crate) fn relax(points: &Points, chosen: &[u32]) -> Voronoi {
 }
 
 fn distance2((p, n): (Vec3, Vec3), (q, m): (Vec3, Vec3)) -> f32 {
-    p.distance_squared(q) + NORMAL_WEIGHT * n.distance_squared(m)
+    p.distance_squared(q) + (1.0 - n.dot(m)) // ½ |n − m|² of unit vectors
 }
 
 /// Chooses points such that none is nearer than the separation to another and none could be added.
@@ -151,14 +148,14 @@ fn assign(points: &Points, samples: &[Sample], owners: &mut [u32]) {
             }
             for point in grid.points(cell..cell + 1) {
                 let here = place(points, point);
-                let mut least = f32::INFINITY;
+                let (mut least, mut owner) = (f32::INFINITY, owners[point - first]);
                 for &(position, normal, id) in &near {
                     let distance2 = distance2(here, (position, normal));
                     if distance2 < least {
-                        least = distance2;
-                        owners[point - first] = id;
+                        (least, owner) = (distance2, id);
                     }
                 }
+                owners[point - first] = owner;
             }
         });
     });

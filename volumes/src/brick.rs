@@ -108,6 +108,13 @@ impl Brick {
         place + (corner & 1) * STRIDES[0] + (corner >> 1 & 1) * STRIDES[1] + (corner >> 2) * STRIDES[2]
     }
 
+    /// The samples 0 to 8 along x of local row (j, k), each at most 8.
+    #[inline]
+    pub(crate) fn row(&self, j: usize, k: usize) -> &[f32] {
+        let first = (k + 1) * STRIDES[2] + (j + 1) * STRIDES[1] + 1;
+        &self.values[first..=first + SIDE]
+    }
+
     #[inline]
     pub(crate) fn value(&self, place: usize) -> f32 {
         self.values[place]

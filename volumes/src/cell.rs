@@ -103,6 +103,8 @@ pub(crate) struct Polygon {
     pub(crate) area: f64,
     /// Sum of the vector areas of its triangles in the world; points to values below the iso-value.
     pub(crate) vector_area: DVec3,
+    /// Covariance of its points about the centroid, by area, in squared world units.
+    pub(crate) covariance: DMat3,
 }
 
 /// A cell's eight values, relative to the iso-value, by corner.
@@ -127,15 +129,25 @@ impl Cell {
         }
         let orientation = steps.determinant().signum();
         let (mut area, mut moment, mut vector_area) = (0.0, DVec3::ZERO, DVec3::ZERO);
+        let mut second_moment = DMat3::ZERO;
         for (index, &vertex) in vertices[..edges.len()].iter().enumerate() {
             let following = vertices[(index + 1) % edges.len()];
-            let twice = (steps * (vertex - mean)).cross(steps * (following - mean));
+            let (a, b) = (steps * (vertex - mean), steps * (following - mean));
+            let twice = a.cross(b);
             let part = 0.5 * twice.length();
             area += part;
-            moment += part * (mean + vertex + following) / 3.0;
+            moment += part / 3.0 * (vertex + following - 2.0 * mean);
             vector_area += 0.5 * orientation * twice;
+            // ∫ x xᵀ over the triangle 0, a, b.
+            second_moment += (outer(a, a) + outer(b, b) + outer(a + b, a + b)) * (part / 12.0);
         }
-        (area > 0.0 && area as f32 > 0.0).then(|| Polygon { centroid: moment / area, area, vector_area })
+        let (offset, in_world) = (moment / area, steps * moment / area);
+        (area > 0.0 && area as f32 > 0.0).then(|| Polygon {
+            centroid: mean + offset,
+            area,
+            vector_area,
+            covariance: second_moment * area.recip() - outer(in_world, in_world),
+        })
     }
 
     /// The trilinear interpolant and its gradient in cell coordinates.
@@ -153,13 +165,13 @@ impl Cell {
     /// Moves `start`, inside the cell, onto the interpolant's zero: along the gradient (steepest in the world)
     /// as far as a tenth of a step outside the cell, or, if the zero is not there, towards the nearest corner
     /// on the other side, where it must be.
-    pub(crate) fn onto_surface(&self, start: DVec3, steps: DMat3) -> DVec3 {
+    pub(crate) fn onto_surface(&self, start: DVec3, gradients_to_world: DMat3) -> DVec3 {
         let (value, gradient) = self.interpolate(start);
         if value == 0.0 {
             return start;
         }
-        let to_world = steps.inverse();
-        let direction = to_world * (to_world.transpose() * gradient) * -value.signum();
+        // The way back from the world to the cell is the transpose of what takes gradients there.
+        let direction = gradients_to_world.transpose() * (gradients_to_world * gradient) * -value.signum();
         let reach = (0..3).fold(f64::INFINITY, |reach, axis| {
             let bound = if direction[axis] > 0.0 { 1.0 + REACH } else { -REACH };
             if direction[axis] == 0.0 { reach } else { reach.min((bound - start[axis]) / direction[axis]) }
@@ -169,7 +181,7 @@ impl Cell {
             return self.root(start, end);
         }
         let other = |corner: &usize| (self.0[*corner] >= 0.0) != (value >= 0.0);
-        let distance = |corner: usize| (steps * (corner_position(corner) - start)).length_squared();
+        let distance = |corner: usize| corner_position(corner).distance_squared(start);
         match (0..8).filter(other).min_by(|&a, &b| distance(a).total_cmp(&distance(b))) {
             Some(corner) => self.root(start, corner_position(corner)),
             None => start,
@@ -200,6 +212,10 @@ impl Cell {
         }
         start + way * t
     }
+}
+
+fn outer(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
 fn corner_position(corner: usize) -> DVec3 {

@@ -17,12 +17,13 @@ mod transfer_text;
 pub mod volume;
 
 pub use histogram::{Classes, Histogram, propose_iso};
-pub use iso::{COVERAGE_FLOOR, IsoError, IsoSettings, SURFEL_SIGMA, iso_surfels};
+pub use iso::{COVERAGE_FLOOR, IsoError, IsoSettings, SURFEL_BLUR, iso_surfels};
 pub use kernels::{KERNEL_SIGMA, KernelSettings, to_kernels};
 pub use phantom::{marschner_lobb, marschner_lobb_at, shepp_logan};
 pub use presets::{PRESETS, Preset, preset};
 pub use transfer::{
-    ColorSpace, ControlPoint, GradientRamp, Optical, StrengthKind, TransferError, TransferFunction,
+    ColorSpace, ControlPoint, GradientRamp, MAX_OPACITY, Optical, StrengthKind, TransferError,
+    TransferFunction,
 };
 pub use transfer_text::TransferTextError;
 pub use volume::{GridFrame, Volume, VolumeError, Voxels};

@@ -47,6 +47,13 @@ pub struct GradientRamp {
 }
 
 impl GradientRamp {
+    /// The ramp, if it begins at 0 or above and ends, finite, above its begin.
+    pub(crate) fn checked(self) -> Result<Self, TransferError> {
+        let Self { low, high } = self;
+        let rises = low >= 0.0 && high > low && high.is_finite();
+        if rises { Ok(self) } else { Err(TransferError::Gradient { low, high }) }
+    }
+
     /// The factor at a gradient magnitude in value per world unit.
     pub fn factor(&self, magnitude: f32) -> f32 {
         ((magnitude - self.low) / (self.high - self.low)).clamp(0.0, 1.0)
@@ -129,12 +136,7 @@ impl TransferFunction {
     /// # Errors
     /// When the ramp is not from 0 or above to something above its begin.
     pub fn with_gradient(self, ramp: GradientRamp) -> Result<Self, TransferError> {
-        let GradientRamp { low, high } = ramp;
-        if low >= 0.0 && high > low && high.is_finite() {
-            Ok(Self { gradient: Some(ramp), ..self })
-        } else {
-            Err(TransferError::Gradient { low, high })
-        }
+        Ok(Self { gradient: Some(ramp.checked()?), ..self })
     }
 
     /// The control points, in order.

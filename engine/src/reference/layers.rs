@@ -30,6 +30,11 @@ impl Sample<'_> {
     fn coverage(&self) -> f64 {
         self.weight / self.coverage_floor
     }
+
+    /// The normal or its opposite.
+    fn on_side_of(&self, normal: DVec3) -> DVec3 {
+        if self.normal.dot(normal) < 0.0 { -self.normal } else { self.normal }
+    }
 }
 
 /// A sheet that a ray passes at one depth.
@@ -47,7 +52,7 @@ pub(super) struct Layer<'a> {
 /// Yields the layers of the samples, front to back. A sample spans the depths between itself and its plane. A
 /// layer's first sample is the nearest (equal depths: the lowest id); it takes each sample whose span begins
 /// within the first one's tolerance plus three of the sample's own σ behind the end of the first one's span.
-/// Means are weighted by coverage over its floor.
+/// Means are weighted by coverage over its floor; normals are turned to the side of the first one's before.
 pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Layer<'a>> + use<'a> {
     samples.sort_by(|a, b| a.z.total_cmp(&b.z).then(a.id.cmp(&b.id)));
     let mut left = samples.to_vec();
@@ -71,7 +76,7 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
             id: first.id,
             alpha: covered.min(1.0),
             color: mean(|s| s.color),
-            normal: mean(|s| s.normal),
+            normal: taken.iter().map(|s| s.coverage() * s.on_side_of(first.normal)).sum::<DVec3>() / total,
             material: first.material,
         })
     })

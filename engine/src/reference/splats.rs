@@ -202,8 +202,6 @@ impl<'a> Setup<'a> {
                 let area = f64::from(surface.areas[index]) * placed.area_scale(index);
                 let geometric_normal = placed.geometric_normal(&columns);
                 let own = if normal == DVec3::ZERO { geometric_normal } else { normal };
-                // A surface that turns its back shows its other side.
-                let away = geometric_normal.dot(self.view.direction(center)) > 0.0;
                 let prototype = Sample {
                     z: center.z,
                     plane_z: center.z,
@@ -212,9 +210,9 @@ impl<'a> Setup<'a> {
                     weight: 0.0,
                     opacity: surface.opacities.as_ref().map_or(1.0, |o| f64::from(o[index])),
                     color,
-                    normal: if away { -own } else { own },
+                    normal: own,
                     material: &splats.material,
-                    depth_tolerance: f64::from(surface.depth_tolerance),
+                    depth_tolerance: f64::from(surface.depth_tolerance) * placed.volume_scale.cbrt(),
                     coverage_floor: f64::from(surface.coverage_floor),
                 };
                 let cutoff = self.settings.cutoff;

@@ -8,6 +8,7 @@
 //! - `s t`, `u v` or `texture_u texture_v`, or a list `texcoord` in each face (two numbers a corner). Their
 //!   v grows upwards, as in OBJ, and is flipped. `comment TextureFile NAME` names the image.
 //! - `vertex_indices` or `vertex_index`: polygons become fans; faces of fewer than three corners are none.
+//!   Colours of whole faces are not read.
 
 mod body;
 mod header;

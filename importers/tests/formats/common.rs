@@ -142,17 +142,18 @@ pub(crate) fn as_text() -> String {
 
 /// A PNG of 2×2 texels: red, green in the upper row, blue, half-transparent white in the lower one.
 pub(crate) fn png() -> Vec<u8> {
-    let texels = TEXELS.concat();
+    encoded_png(&TEXELS.concat(), 2)
+}
+
+/// A PNG of one texel.
+pub(crate) fn tiny_png() -> Vec<u8> {
+    encoded_png(&TEXELS[0], 1)
+}
+
+fn encoded_png(texels: &[u8], side: u32) -> Vec<u8> {
     let mut bytes = std::io::Cursor::new(Vec::new());
-    image::write_buffer_with_format(
-        &mut bytes,
-        &texels,
-        2,
-        2,
-        image::ExtendedColorType::Rgba8,
-        image::ImageFormat::Png,
-    )
-    .unwrap();
+    let (color, format) = (image::ExtendedColorType::Rgba8, image::ImageFormat::Png);
+    image::write_buffer_with_format(&mut bytes, texels, side, side, color, format).unwrap();
     bytes.into_inner()
 }
 

@@ -1,5 +1,7 @@
 //! Every format, from files that the tests write, that others wrote, and that are broken.
 
+#![expect(clippy::unwrap_used, reason = "helpers of tests may panic as tests do")]
+
 mod common;
 mod gltf;
 mod mutation;

@@ -1,4 +1,5 @@
-//! Valid files with bytes changed, put in and cut off: any outcome but a panic.
+//! Valid files with bytes changed, put in and cut off: any outcome but a panic. `PROPTEST_CASES` asks for more
+//! cases than the usual 256.
 
 use crate::common::{Folder, as_text, base64, corner_marked, gzip, png, zlib};
 use oblate_importers::Opened;
@@ -78,7 +79,7 @@ fn survives(name: &'static str, bytes: Vec<u8>, beside: &[(&str, Vec<u8>)]) {
         folder.write(name, bytes);
     }
     check(&folder.open(name, &bytes).unwrap());
-    let config = ProptestConfig { cases: 2000, failure_persistence: None, ..ProptestConfig::default() };
+    let config = ProptestConfig { failure_persistence: None, ..ProptestConfig::default() };
     proptest!(config, |(changes in vec(change(), 1..6))| {
         match folder.open(name, changed(bytes.clone(), &changes)) {
             Ok(opened) => check(&opened),

@@ -133,11 +133,13 @@ fn what_is_wrong_is_said() {
     refuse("raw", "raw\nspace directions: (1,0,0)", &["line 7", "each spatial axis"]);
     refuse("raw", "raw\ndata file: gone.raw", &["line 7", "gone.raw"]);
     refuse("raw", "raw\ndata file: LIST", &["line 7", "several files"]);
-    refuse("raw", "ascii", &["no number"]);
+    refuse("raw", "ascii", &["24 bytes of text cannot write 24 numbers"]);
     let text = |text: &str| with(&PLAIN.replace("raw", "ascii"), text.as_bytes());
     folder.refused("a.nrrd", text(&as_text().replace("20", "300")), &["\"300\"", "sample 10"]);
     folder.refused("a.nrrd", text(&format!("{} 1", as_text())), &["24", "more"]);
+    folder.refused("a.nrrd", text(&as_text().replace("20", "ten")), &["\"ten\"", "sample 10", "no number"]);
     folder.refused("a.nrrd", text("1 2 3"), &["24 numbers"]);
+    folder.refused("a.nrrd", text("1 2 3                                              "), &["only 3"]);
     folder.refused("a.nrrd", PLAIN, &["empty line"]);
     folder.refused("a.nrrd", "no nrrd", &["NRRD0001"]);
     let gzipped = with(&PLAIN.replace("raw", "gzip"), &gzip(&samples)[..20]);

@@ -1,4 +1,4 @@
-use crate::common::{Folder, TEXELS, mesh, png, refused};
+use crate::common::{Folder, TEXELS, mesh, png, refused, tiny_png};
 use glam::{Vec2, Vec3, Vec4};
 use oblate_importers::OpenOptions;
 use oblate_surfels::Wrap;
@@ -70,6 +70,14 @@ fn materials() {
     folder.write("two.mtl", "newmtl skin\n");
     let moved = TWO.replace("my colours.mtl", "sub\\one.mtl two.mtl");
     assert_eq!(folder.mesh("a.obj", moved).primitives.len(), 2);
+    // The same name beside two libraries is two images.
+    let two = "mtllib sub/one.mtl\nmtllib two.mtl\n".to_owned() + &TWO.replace("mtllib my colours.mtl\n", "");
+    folder.write("sub/one.mtl", "newmtl red paint\nmap_Kd a.png\n");
+    folder.write("two.mtl", "newmtl skin\nmap_Kd a.png\n");
+    folder.write("sub/a.png", png());
+    folder.write("a.png", tiny_png());
+    let widths = folder.mesh("a.obj", two).primitives.into_iter().map(|p| p.material.texture.unwrap().width);
+    assert_eq!(widths.collect::<Vec<_>>(), [2, 1]);
 }
 
 #[test]
@@ -82,6 +90,18 @@ fn what_is_named_must_be_there() {
     refused(folder.open("a.obj", TWO), "a skin.png", &["PNG or JPEG"]);
     folder.write("a skin.png", png());
     folder.refused("a.obj", TWO.replace("usemtl skin", "usemtl fur"), &["line 8", "\"fur\""]);
+    // A library may be named after its materials are used.
+    let late = TWO.replace("mtllib my colours.mtl\n", "") + "mtllib my colours.mtl\n";
+    assert_eq!(folder.mesh("a.obj", late), folder.mesh("a.obj", TWO));
+    // A small image that claims 30000 by 30000 texels is refused for that.
+    let mut bomb = png();
+    bomb[16..24].copy_from_slice(&[0, 0, 0x75, 0x30, 0, 0, 0x75, 0x30]);
+    let mut checksum = flate2::Crc::new();
+    checksum.update(&bomb[12..29]);
+    bomb[29..33].copy_from_slice(&checksum.sum().to_be_bytes());
+    folder.write("a skin.png", bomb);
+    refused(folder.open("a.obj", TWO), "a skin.png", &["imit"]);
+    folder.write("a skin.png", png());
     // Without a library there is the default material.
     let bare = TWO.replace("mtllib my colours.mtl\n", "");
     assert_eq!(folder.primitive("a.obj", &bare).material, Default::default());

@@ -179,11 +179,9 @@ fn textures_by_comment_by_corner_and_by_option() {
         by_corner.replace("6 0 0 1", "5 0 0 1").replace("0 0 1 0 0 1\n", "0 0 1 0 0\n"),
         &["face 0", "5 numbers"],
     );
-    let plain = TRIANGLE.replace("float z\n", "float z\nproperty float u\nproperty float v\n");
-    let plain = plain
-        .replace("0 0 0\n", "0 0 0 0 0\n")
-        .replace("1 0 0\n", "1 0 0 1 0\n")
-        .replace("0 1 0\n", "0 1 0 0 1\n");
+    let plain = TRIANGLE
+        .replace("float z\n", "float z\nproperty float u\nproperty float v\n")
+        .replace("0 0 0\n1 0 0\n0 1 0\n", "0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n");
     let texture = Some(folder.write("given.png", png()));
     let options = OpenOptions { texture, ..OpenOptions::default() };
     let opened = mesh(folder.open_with("a.ply", plain, &options));
@@ -226,11 +224,8 @@ fn what_is_wrong_is_said() {
     refuse("format ascii 1.0\n", "", &["no format"]);
     folder.refused("a.ply", "plywood", &["line 1", "begins with"]);
     let colored = TRIANGLE
-        .replace("float z\n", "float z\nproperty float red\nproperty float green\nproperty float blue\n");
-    let colored = colored
-        .replace("0 0 0\n", "0 0 0 0 0 0\n")
-        .replace("1 0 0\n", "1 0 0 0 255 0\n")
-        .replace("0 1 0\n", "0 1 0 0 0 0\n");
+        .replace("float z\n", "float z\nproperty float red\nproperty float green\nproperty float blue\n")
+        .replace("0 0 0\n1 0 0\n0 1 0\n", "0 0 0 0 0 0\n1 0 0 0 255 0\n0 1 0 0 0 0\n");
     folder.refused("a.ply", colored, &["vertex 1", "[0, 1]"]);
 }
 

@@ -6,7 +6,7 @@ use oblate_engine::{Cloud, Strength, Surface};
 use oblate_volumes::{GridFrame, Volume, Voxels};
 
 /// A volume of a field given in world coordinates.
-pub fn sampled(dims: [usize; 3], frame: GridFrame, field: impl Fn(DVec3) -> f64) -> Volume {
+pub(crate) fn sampled(dims: [usize; 3], frame: GridFrame, field: impl Fn(DVec3) -> f64) -> Volume {
     let steps = frame.direction * DMat3::from_diagonal(frame.spacing);
     let [nx, ny, nz] = dims;
     let mut values = Vec::new();
@@ -22,17 +22,20 @@ pub fn sampled(dims: [usize; 3], frame: GridFrame, field: impl Fn(DVec3) -> f64)
 }
 
 /// The point in the middle of a grid.
-pub fn middle(dims: [usize; 3], frame: GridFrame) -> DVec3 {
+pub(crate) fn middle(dims: [usize; 3], frame: GridFrame) -> DVec3 {
     let half = DVec3::from(dims.map(|d| 0.5 * (d - 1) as f64));
     frame.origin + frame.direction * (frame.spacing * half)
 }
 
 /// Frames that a grid may have: spacing even and uneven, turned, flipped, sheared.
-pub fn frames() -> Vec<(&'static str, GridFrame)> {
+pub(crate) fn frames() -> Vec<(&'static str, GridFrame)> {
     let turned = DMat3::from_axis_angle(DVec3::new(1.0, -2.0, 0.5).normalize(), 0.9);
     let uneven = DVec3::new(1.0, 1.0, 2.0);
-    let sheared =
-        DMat3::from_cols(DVec3::X, DVec3::new(0.3, 1.0, 0.0).normalize(), DVec3::new(-0.2, 0.1, 1.0).normalize());
+    let sheared = DMat3::from_cols(
+        DVec3::X,
+        DVec3::new(0.3, 1.0, 0.0).normalize(),
+        DVec3::new(-0.2, 0.1, 1.0).normalize(),
+    );
     let frame = |spacing, direction| GridFrame { spacing, direction, origin: DVec3::new(3.0, -7.0, 11.0) };
     vec![
         ("even", GridFrame::default()),
@@ -43,8 +46,21 @@ pub fn frames() -> Vec<(&'static str, GridFrame)> {
     ]
 }
 
+/// A grid of frame `frame` in which a sphere of radius `radius` in world units has room, and its middle.
+pub(crate) fn grid_around(frame: GridFrame, radius: f64) -> ([usize; 3], DVec3) {
+    let reach = (frame.direction * DMat3::from_diagonal(frame.spacing)).inverse().transpose();
+    let dims = [0, 1, 2].map(|axis| (2.0 * radius * reach.col(axis).length()).ceil() as usize + 7);
+    (dims, middle(dims, frame) + DVec3::new(0.21, -0.13, 0.08) * frame.spacing)
+}
+
+/// What `work` gives on 1, 2 and 5 threads.
+pub(crate) fn on_threads<T: Send>(work: impl Fn() -> T + Sync) -> [T; 3] {
+    [1, 2, 5]
+        .map(|threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(&work))
+}
+
 /// The surface part of a cloud.
-pub fn surface(cloud: &Cloud) -> &Surface {
+pub(crate) fn surface(cloud: &Cloud) -> &Surface {
     match &cloud.splats().strength {
         Strength::Surface(surface) => surface,
         other => panic!("no surface but {other:?}"),
@@ -52,7 +68,7 @@ pub fn surface(cloud: &Cloud) -> &Surface {
 }
 
 /// Centre in the world, factor, normal, area of each surfel.
-pub fn surfels(cloud: &Cloud) -> Vec<(DVec3, DMat3, DVec3, f64)> {
+pub(crate) fn surfels(cloud: &Cloud) -> Vec<(DVec3, DMat3, DVec3, f64)> {
     let splats = cloud.splats();
     let normals = splats.normals.as_ref().unwrap();
     (0..cloud.len())
@@ -66,7 +82,12 @@ pub fn surfels(cloud: &Cloud) -> Vec<(DVec3, DMat3, DVec3, f64)> {
 
 /// Summed coverage Σw at `point` seen along its unit `normal`: each surfel's Gaussian, projected along the
 /// normal, times its area and the cosine. Surfels further off the tangent plane than `depth` stay out.
-pub fn coverage(surfels: &[(DVec3, DMat3, DVec3, f64)], point: DVec3, normal: DVec3, depth: f64) -> f64 {
+pub(crate) fn coverage(
+    surfels: &[(DVec3, DMat3, DVec3, f64)],
+    point: DVec3,
+    normal: DVec3,
+    depth: f64,
+) -> f64 {
     let (t1, t2) = normal.any_orthonormal_pair();
     let onto = |v: DVec3| DVec2::new(t1.dot(v), t2.dot(v));
     let near = surfels.iter().filter(|(center, factor, _, _)| {
@@ -87,10 +108,10 @@ pub fn coverage(surfels: &[(DVec3, DMat3, DVec3, f64)], point: DVec3, normal: DV
 }
 
 /// Pseudo-random numbers from 0 to 1, the same each time.
-pub struct Random(pub u64);
+pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
-    pub fn next(&mut self) -> f64 {
+    pub(crate) fn next(&mut self) -> f64 {
         // Steele, Lea, Flood, Fast Splittable Pseudorandom Number Generators, 2014 (SplitMix64).
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
@@ -100,7 +121,7 @@ impl Random {
     }
 
     /// Evenly spread over the unit sphere.
-    pub fn direction(&mut self) -> DVec3 {
+    pub(crate) fn direction(&mut self) -> DVec3 {
         let z = 2.0 * self.next() - 1.0;
         let (sine, cosine) = (std::f64::consts::TAU * self.next()).sin_cos();
         let r = (1.0 - z * z).sqrt();
