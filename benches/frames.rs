@@ -3,8 +3,6 @@
 //! T1 and T2 need the engine volume (`OBLATE_DATA`, else `../shared/data`) and say so where it is missing.
 //! `cargo bench --bench frames`
 
-#![expect(missing_docs, reason = "criterion's macros write a main function")]
-
 use criterion::{Criterion, criterion_group, criterion_main};
 use glam::{DVec3, Vec3};
 use oblate::engine::cloud::oblate_factor;

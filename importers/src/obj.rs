@@ -37,8 +37,13 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Mesh, ImportErr
         let bare = |p: &&mut Primitive| p.tex_coords.is_some() && p.material.texture.is_none();
         let image = texture::read(path)?;
         for primitive in primitives.iter_mut().filter(bare) {
-            primitive.material.texture = Some(image.clone());
+            let factor = Vec3::ONE.extend(primitive.material.factor.w);
+            primitive.material = BaseColor { factor, texture: Some(image.clone()) };
         }
+    }
+    let colored = |p: &&mut Primitive| p.colors.is_some() && p.material == BaseColor::UNSPECIFIED;
+    for primitive in primitives.iter_mut().filter(colored) {
+        primitive.material = BaseColor::default();
     }
     mesh(file, primitives)
 }
@@ -92,7 +97,7 @@ impl<'a> Reader<'a> {
             tex_coords: Vec::new(),
             normals: Vec::new(),
             library: None,
-            material: (String::new(), BaseColor::default()),
+            material: (String::new(), BaseColor::UNSPECIFIED),
             groups: Vec::new(),
             group_of: HashMap::new(),
         }

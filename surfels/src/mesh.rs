@@ -38,6 +38,11 @@ pub struct BaseColor {
     pub texture: Option<Arc<Texture>>,
 }
 
+impl BaseColor {
+    /// Light grey, for surfaces that a file says nothing of: white would leave no room for highlights.
+    pub const UNSPECIFIED: Self = Self { factor: Vec4::new(0.6, 0.6, 0.6, 1.0), texture: None };
+}
+
 impl Default for BaseColor {
     fn default() -> Self {
         Self { factor: Vec4::ONE, texture: None }

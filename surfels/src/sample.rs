@@ -65,9 +65,9 @@ const MOST_POINTS: [usize; 2] = [64, 2];
 ///   them it is left out;
 /// - opacity: the colour's alpha, if it is below 1 anywhere.
 ///
-/// The depth tolerance is one radius ([`KERNEL_SIGMA`] spacings), the coverage floor [`COVERAGE_FLOOR`], and
-/// the surface is closed if [`Mesh::is_closed`]. Triangles without area are left out. The spacing grows
-/// where it must: beyond [`SamplerSettings::max_surfels`], and below a millionth of the bounds, which
+/// The depth tolerance is two radii (2 [`KERNEL_SIGMA`] spacings: at one, creases fall apart), the coverage
+/// floor [`COVERAGE_FLOOR`], and the surface is closed if [`Mesh::is_closed`]. Triangles without area are
+/// left out. The spacing grows where it must: beyond [`SamplerSettings::max_surfels`], and below a millionth of the bounds, which
 /// single-precision positions do not resolve.
 ///
 /// # Errors
@@ -172,7 +172,7 @@ fn splats(surfels: &[Surfel], spacing: f64, closed: bool, settings: &SamplerSett
         strength: Strength::Surface(Surface {
             areas: surfels.par_iter().map(area).collect(),
             opacities: translucent.then(opacities),
-            depth_tolerance: radius,
+            depth_tolerance: 2.0 * radius,
             coverage_floor: COVERAGE_FLOOR,
             closed,
         }),

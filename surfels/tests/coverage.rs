@@ -19,7 +19,8 @@ fn surfels(mesh: &Mesh, count: usize) -> (Cloud, f64) {
     let cloud = sample(mesh, Density::Count(count), &SamplerSettings::default()).expect("the mesh is right");
     let spacing = (mesh.area() / count as f64).sqrt();
     assert!(
-        (f64::from(surface(&cloud).depth_tolerance) / (f64::from(KERNEL_SIGMA) * spacing) - 1.0).abs() < 1e-5
+        (f64::from(surface(&cloud).depth_tolerance) / (2.0 * f64::from(KERNEL_SIGMA) * spacing) - 1.0).abs()
+            < 1e-5
     );
     // Each of n areas is rounded to f32 once, and positions were: 6e-8 each, to the second power.
     let error = total_area(&cloud) / mesh.area() - 1.0;

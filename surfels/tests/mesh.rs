@@ -56,7 +56,7 @@ fn surfels_are_flat_discs() {
         let factor = cloud.splats().shapes.factor(i);
         assert_eq!(factor.z_axis, Vec3::ZERO);
         assert!((factor.x_axis.length() / factor.y_axis.length() - 1.0).abs() < 1e-5);
-        assert!((factor.x_axis.length() / surface(&cloud).depth_tolerance - 1.0).abs() < 1e-5);
+        assert!((2.0 * factor.x_axis.length() / surface(&cloud).depth_tolerance - 1.0).abs() < 1e-5);
     }
 }
 

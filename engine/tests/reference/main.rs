@@ -1,6 +1,5 @@
 //! The references against answers that are numbers.
 
-#![expect(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 #![allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
 
 use glam::{DAffine3, DMat3, DVec2, DVec3, Mat3, Vec3};

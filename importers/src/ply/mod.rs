@@ -59,13 +59,18 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Mesh, ImportErr
             (None, None) => None,
         };
     }
+    let material = if texture.is_none() && vertices.colors.is_none() {
+        BaseColor::UNSPECIFIED
+    } else {
+        BaseColor { texture, ..BaseColor::default() }
+    };
     let primitive = Primitive {
         positions: vertices.positions,
         triangles,
         normals: vertices.normals,
         tex_coords: vertices.tex_coords,
         colors: vertices.colors,
-        material: BaseColor { factor: Vec4::ONE, texture },
+        material,
         primitive_to_mesh: DAffine3::IDENTITY,
     };
     mesh(file, vec![primitive])

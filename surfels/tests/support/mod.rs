@@ -72,7 +72,7 @@ impl<'a> Finder<'a> {
     /// Σw of the front faces of one layer, seen along −`normal` at `at` by parallel rays.
     pub fn coverage(&self, at: DVec3, normal: DVec3) -> f64 {
         let surface = surface(self.cloud);
-        let thickness = f64::from(surface.depth_tolerance) / 2.0;
+        let thickness = f64::from(surface.depth_tolerance) / 4.0;
         let weight = |i: usize| {
             let facing = self.normals[i].dot(normal);
             if facing < 1e-3 {
