@@ -15,6 +15,9 @@ const SIDE: u32 = 1024;
 const BACKGROUND: [u8; 4] = [0x20, 0x20, 0x20, 0xff];
 const SAMPLES: u32 = 64;
 
+/// About 16 GiB while a picture is drawn and written.
+const MOST_PIXELS: u64 = 1 << 28;
+
 /// How a frame is drawn, every choice made.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Drawing {
@@ -32,8 +35,12 @@ impl Drawing {
         let choice = options.reference.unwrap_or_default();
         ensure!(options.samples.is_none() || choice == Reference::R2, "--samples is for --reference r2");
         let samples = options.samples.unwrap_or(SAMPLES);
+        let size = options.size.unwrap_or([SIDE; 2]);
+        let [width, height] = size;
+        let pixels = u64::from(width) * u64::from(height);
+        ensure!(pixels <= MOST_PIXELS, "--size {width}x{height}: at most {MOST_PIXELS} pixels are drawn");
         Ok(Self {
-            size: options.size.unwrap_or([SIDE; 2]),
+            size,
             settings: RenderSettings {
                 footprint: options.footprint.map_or(FootprintForm::default(), Into::into),
                 low_pass,
@@ -86,7 +93,7 @@ pub(crate) fn draw_repeatedly(
     console: Console,
 ) -> Result<(Frame, Vec<FrameTimes>)> {
     let (mut frame, _) = drawing.draw(scene, camera, console)?;
-    let mut times = Vec::with_capacity(repeats);
+    let mut times = Vec::new();
     for _ in 0..repeats {
         let (next, time) = drawing.draw(scene, camera, console)?;
         frame = next;

@@ -6,11 +6,11 @@
 //! picture:
 //!
 //! 1. [`importers::open`] reads a file into a [`surfels::Mesh`] or a [`volumes::Volume`].
-//! 2. [`surfels::sample`] spreads surfels over a mesh; [`volumes::iso_surfels`] over the surface at a value
+//! 2. [`surfels::sample()`] spreads surfels over a mesh; [`volumes::iso_surfels`] over the surface at a value
 //!    of a volume; [`volumes::to_kernels`] turns its inside into kernels, under a
 //!    [`volumes::TransferFunction`]. Each gives an [`engine::Cloud`].
 //! 3. An [`engine::Scene`] holds clouds and lights, all mixed; an [`engine::Camera`] sees it.
-//! 4. [`engine::render`] draws an [`engine::Frame`]: colour, alpha, depth, normal and id of each pixel.
+//! 4. [`engine::render()`] draws an [`engine::Frame`]: colour, alpha, depth, normal and id of each pixel.
 //!    [`engine::reference()`] draws the same slowly and right, and [`engine::compare`] says how far two
 //!    pictures are apart.
 //!

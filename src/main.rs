@@ -41,7 +41,7 @@ fn main() -> ExitCode {
         Command::Compare(args) => command::compare::run(&args),
     };
     result.unwrap_or_else(|error| {
-        eprintln!("error: {}", one_line(&error));
+        progress::complain(format_args!("error: {}", one_line(&error)));
         ExitCode::from(2)
     })
 }

@@ -2,12 +2,18 @@
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::fmt::Display;
+use std::io::Write;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// Work that is shorter than this shows no bar.
 const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Writes a line to standard error; where nobody can read it, nothing is to be done.
+pub(crate) fn complain(message: impl Display) {
+    let _ = writeln!(std::io::stderr(), "{message}");
+}
 
 /// Where messages go.
 #[derive(Clone, Copy, Debug)]
@@ -19,7 +25,7 @@ impl Console {
     /// Says something unless the user wants quiet.
     pub(crate) fn say(self, message: impl Display) {
         if !self.quiet {
-            eprintln!("{message}");
+            complain(message);
         }
     }
 

@@ -3,6 +3,7 @@
 use super::print;
 use crate::output::Output;
 use crate::picture::{Format, Picture, Unit, write_levels};
+use crate::progress::complain;
 use anyhow::{Result, ensure};
 use clap::Args;
 use oblate::engine::metrics::{Pixels, compare};
@@ -81,7 +82,7 @@ pub(crate) fn run(args: &CompareArgs) -> Result<ExitCode> {
     }
     match args.max {
         Some(max) if f64::from(largest) > max => {
-            eprintln!("the largest error, {largest} {unit}, is beyond {max}");
+            complain(format_args!("the largest error, {largest} {unit}, is beyond {max}"));
             Ok(ExitCode::from(1))
         }
         _ => Ok(ExitCode::SUCCESS),

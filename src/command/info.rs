@@ -104,7 +104,8 @@ fn describe_histogram(histogram: &Histogram, text: &mut String) -> fmt::Result {
     writeln!(text, "histogram   (centre of the bin, length ~ log of the count, count)")?;
     for (bin, &count) in counts.iter().enumerate() {
         let length = (LONGEST * (count as f64).ln_1p() / longest).round() as usize;
-        let center = short(f64::from(histogram.center(bin)));
+        // The last bin may reach beyond the values.
+        let center = short(f64::from(histogram.center(bin).min(histogram.range()[1])));
         writeln!(text, "{center:>10}  {}{}{count}", "█".repeat(length), if length > 0 { " " } else { "" })?;
     }
     Ok(())

@@ -73,7 +73,7 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     let repeats = args.repeat.unwrap_or(1);
     ensure!(repeats > 0, "--repeat is 0; it must be at least 1");
     if let Some(threads) = args.threads {
-        ensure!(threads > 0, "--threads is 0; it must be at least 1");
+        ensure!((1..=1024).contains(&threads), "--threads is {threads}; it must be from 1 to 1024");
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("--threads")?;
     }
     // Places that can't be written to are found before the work.
