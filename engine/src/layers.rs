@@ -47,8 +47,16 @@ struct Layer {
     weight: f32,
     opacity: f32,
     depth: f32,
-    normal: Vec3,
     color: Vec3,
+    /// Of the splats that show their front, and of those that show their back.
+    sides: [Side; 2],
+}
+
+/// Normals of one side. The two sides of a thin sheet would cancel, so they are never added.
+#[derive(Clone, Copy, Default)]
+struct Side {
+    weight: f32,
+    normal: Vec3,
 }
 
 /// The sample that opens a layer.
@@ -59,7 +67,6 @@ struct First {
     farthest: f32,
     id: u32,
     record: u32,
-    normal: Vec3,
 }
 
 /// Turns samples into cuts. Behind a transmittance of `spent` nothing is kept.
@@ -117,9 +124,8 @@ impl<'a> LayerBuilder<'a> {
         let id = self.records.records[sample.record as usize].id;
         let nearer = layer.first.is_none_or(|first| (sample.depth, id) < (first.depth, first.id));
         if nearer {
-            let normal = self.records.surface_samples[sample.record as usize].normal.into();
             let farthest = sample.depth + sample.plane_offset.max(0.0);
-            layer.first = Some(First { depth: sample.depth, farthest, id, record: sample.record, normal });
+            layer.first = Some(First { depth: sample.depth, farthest, id, record: sample.record });
         }
     }
 
@@ -133,14 +139,12 @@ impl<'a> LayerBuilder<'a> {
         }
         let record = &self.records.records[sample.record as usize];
         let surface = &self.records.surface_samples[sample.record as usize];
-        // The two sides of a thin sheet would cancel: all normals point to the side of the first one's. Turning
-        // each to the viewer instead would cancel them along silhouettes.
-        let normal = Vec3::from(surface.normal);
-        let aligned = if normal.dot(first.normal) < 0.0 { -normal } else { normal };
         layer.weight += sample.weight;
         layer.opacity += sample.weight * surface.opacity;
         layer.depth += sample.weight * (sample.depth - first.depth);
-        layer.normal += aligned * sample.weight;
+        let side = &mut layer.sides[usize::from(sample.faces_away)];
+        side.weight += sample.weight;
+        side.normal += Vec3::from(surface.normal) * sample.weight;
         layer.color += Vec3::from(record.color) * sample.weight;
         true
     }
@@ -148,11 +152,13 @@ impl<'a> LayerBuilder<'a> {
     fn close(&self, layer: &Layer) -> Option<Cut> {
         let first = layer.first?;
         let share = 1.0 / layer.weight;
+        let [front, back] = layer.sides;
+        let normal = if front.weight >= back.weight { front.normal } else { back.normal };
         Some(Cut {
             depth: first.depth + layer.depth * share,
             alpha: layer.opacity.min(1.0),
             color: (layer.color * share).to_array(),
-            normal: layer.normal.normalize_or_zero().to_array(),
+            normal: normal.normalize_or_zero().to_array(),
             id: first.id,
             cloud: self.records.records[first.record as usize].cloud,
         })

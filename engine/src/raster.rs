@@ -66,6 +66,8 @@ pub(crate) struct Sample {
     pub(crate) record: u32,
     /// Row · TILE + column in the tile.
     pub(crate) pixel: u16,
+    /// Whether the splat shows its back.
+    pub(crate) faces_away: bool,
 }
 
 /// What rasterization needs besides the records.
@@ -118,8 +120,15 @@ impl Rasterizer<'_> {
                 let plane_offset = record.depth + rise - hit.z;
                 // Seen exactly edge-on a plane has no depth at the pixel; NaN becomes the near limit.
                 let plane_offset = plane_offset.max(-farthest_offset).min(farthest_offset);
-                let (depth, sigma_z) = (hit.z, hit.sigma_z);
-                out.push(Sample { depth, plane_offset, sigma_z, weight, record: index, pixel });
+                out.push(Sample {
+                    depth: hit.z,
+                    plane_offset,
+                    sigma_z: hit.sigma_z,
+                    weight,
+                    record: index,
+                    pixel,
+                    faces_away: used > 0.0,
+                });
             }
         });
     }

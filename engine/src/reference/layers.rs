@@ -21,6 +21,8 @@ pub(super) struct Sample<'a> {
     pub(super) color: DVec3,
     /// In camera space; zero for none.
     pub(super) normal: DVec3,
+    /// Whether the ray meets its back.
+    pub(super) back: bool,
     pub(super) material: &'a Material,
     pub(super) depth_tolerance: f64,
     pub(super) coverage_floor: f64,
@@ -29,11 +31,6 @@ pub(super) struct Sample<'a> {
 impl Sample<'_> {
     fn coverage(&self) -> f64 {
         self.weight / self.coverage_floor
-    }
-
-    /// The normal or its opposite.
-    fn on_side_of(&self, normal: DVec3) -> DVec3 {
-        if self.normal.dot(normal) < 0.0 { -self.normal } else { self.normal }
     }
 }
 
@@ -52,7 +49,8 @@ pub(super) struct Layer<'a> {
 /// Yields the layers of the samples, front to back. A sample spans the depths between itself and its plane. A
 /// layer's first sample is the nearest (equal depths: the lowest id); it takes each sample whose span begins
 /// within the first one's tolerance plus three of the sample's own σ behind the end of the first one's span.
-/// Means are weighted by coverage over its floor; normals are turned to the side of the first one's before.
+/// Means are weighted by coverage over its floor; that of normals is taken over the side, front
+/// or back, that covers more.
 pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Layer<'a>> + use<'a> {
     samples.sort_by(|a, b| a.z.total_cmp(&b.z).then(a.id.cmp(&b.id)));
     let mut left = samples.to_vec();
@@ -71,12 +69,18 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
         let mean_z = first.z + taken.iter().map(|s| s.coverage() * (s.z - first.z)).sum::<f64>() / total;
         // Spans that interleave may have means out of order.
         nearest = mean_z.max(nearest);
+        let covered_by =
+            |back: bool| taken.iter().filter(|s| s.back == back).map(|s| s.coverage()).sum::<f64>();
+        let side = |back: bool| -> DVec3 {
+            taken.iter().filter(|s| s.back == back).map(|s| s.coverage() * s.normal).sum()
+        };
+        let shows_back = covered_by(true) > covered_by(false);
         Some(Layer {
             z: nearest,
             id: first.id,
             alpha: covered.min(1.0),
             color: mean(|s| s.color),
-            normal: taken.iter().map(|s| s.coverage() * s.on_side_of(first.normal)).sum::<DVec3>() / total,
+            normal: side(shows_back),
             material: first.material,
         })
     })

@@ -211,6 +211,7 @@ impl<'a> Setup<'a> {
                     opacity: surface.opacities.as_ref().map_or(1.0, |o| f64::from(o[index])),
                     color,
                     normal: own,
+                    back: false,
                     material: &splats.material,
                     depth_tolerance: f64::from(surface.depth_tolerance) * placed.volume_scale.cbrt(),
                     coverage_floor: f64::from(surface.coverage_floor),
@@ -276,7 +277,8 @@ impl<'a> Surfel<'a> {
         let normal = self.geometric_normal;
         let on_plane = normal.dot(self.gaussian.center - ray.origin) / normal.dot(ray.direction);
         let plane_z = on_plane.max(profile.z - self.plane_reach).min(profile.z + self.plane_reach);
-        let sample = Sample { z: profile.z, plane_z, sigma: profile.sigma, weight, ..self.prototype };
+        let back = normal.dot(ray.direction) > 0.0;
+        let sample = Sample { z: profile.z, plane_z, sigma: profile.sigma, weight, back, ..self.prototype };
         (weight > 0.0).then_some(sample)
     }
 }
