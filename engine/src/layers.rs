@@ -69,6 +69,37 @@ struct First {
     record: u32,
 }
 
+/// How far one sees into a pixel past its layers so far.
+///
+/// Coverage is a share of the pixel's area. A layer covers what is left bare first, and only then what is
+/// covered already: the parts of one surface that fall into two layers, at a crease or along a silhouette, lie
+/// beside each other. Were they independent, every such pixel would let the background through.
+#[derive(Clone, Copy)]
+struct SeenThrough {
+    /// Share of the pixel that no layer covers.
+    bare: f32,
+    /// What the covered share lets through, as a share of the pixel.
+    covered: f32,
+}
+
+impl SeenThrough {
+    const NOTHING_YET: Self = Self { bare: 1.0, covered: 0.0 };
+
+    fn transmittance(self) -> f32 {
+        self.bare + self.covered
+    }
+
+    /// Puts a layer behind, and returns the opacity with which it is composited.
+    fn cover(&mut self, coverage: f32, opacity: f32) -> f32 {
+        let before = self.transmittance();
+        let beside = coverage.min(self.bare);
+        let behind = if self.bare < 1.0 { (coverage - beside) / (1.0 - self.bare) } else { 0.0 };
+        self.covered = self.covered * (1.0 - opacity * behind) + beside * (1.0 - opacity);
+        self.bare -= beside;
+        if before > 0.0 { 1.0 - self.transmittance() / before } else { 1.0 }
+    }
+}
+
 /// Turns samples into cuts. Behind a transmittance of `spent` nothing is kept.
 pub(crate) struct LayerBuilder<'a> {
     records: &'a Records,
@@ -95,7 +126,7 @@ impl<'a> LayerBuilder<'a> {
     /// Consumes the samples, which come in the tile's order, and fills `cuts`.
     pub(crate) fn build(&self, samples: &mut Vec<Sample>, cuts: &mut Cuts) {
         cuts.counts.fill(0);
-        let mut transmittance = [1.0_f32; TILE * TILE];
+        let mut seen_through = [SeenThrough::NOTHING_YET; TILE * TILE];
         let mut layers = [Layer::default(); TILE * TILE];
         for number in 0..MAX_LAYERS {
             if samples.is_empty() {
@@ -108,15 +139,14 @@ impl<'a> LayerBuilder<'a> {
             let last = number + 1 == MAX_LAYERS;
             samples.retain(|sample| !self.add(sample, &mut layers[sample.pixel as usize], last));
             for (pixel, layer) in layers.iter().enumerate() {
-                if let Some(mut cut) = self.close(layer) {
+                if let Some(mut cut) = self.close(layer, &mut seen_through[pixel]) {
                     // Means of spans that overlap need not be in order; cuts are.
                     let nearer = cuts.of(pixel).last().map_or(cut.depth, |cut| cut.depth);
                     cut.depth = cut.depth.max(nearer);
-                    transmittance[pixel] *= 1.0 - cut.alpha;
                     cuts.push(pixel, cut);
                 }
             }
-            samples.retain(|sample| transmittance[sample.pixel as usize] > self.spent);
+            samples.retain(|sample| seen_through[sample.pixel as usize].transmittance() > self.spent);
         }
     }
 
@@ -124,7 +154,7 @@ impl<'a> LayerBuilder<'a> {
         let id = self.records.records[sample.record as usize].id;
         let nearer = layer.first.is_none_or(|first| (sample.depth, id) < (first.depth, first.id));
         if nearer {
-            let farthest = sample.depth + sample.plane_offset.max(0.0);
+            let farthest = sample.farthest();
             layer.first = Some(First { depth: sample.depth, farthest, id, record: sample.record });
         }
     }
@@ -133,8 +163,7 @@ impl<'a> LayerBuilder<'a> {
     fn add(&self, sample: &Sample, layer: &mut Layer, last: bool) -> bool {
         let Some(first) = layer.first else { return false };
         let tolerance = self.depth_tolerances[self.records.records[first.record as usize].cloud as usize];
-        let nearest = sample.depth + sample.plane_offset.min(0.0);
-        if !last && nearest > first.farthest + tolerance + 3.0 * sample.sigma_z {
+        if !last && sample.nearest() > first.farthest + tolerance + 3.0 * sample.sigma_z {
             return false;
         }
         let record = &self.records.records[sample.record as usize];
@@ -149,14 +178,14 @@ impl<'a> LayerBuilder<'a> {
         true
     }
 
-    fn close(&self, layer: &Layer) -> Option<Cut> {
+    fn close(&self, layer: &Layer, seen_through: &mut SeenThrough) -> Option<Cut> {
         let first = layer.first?;
         let share = 1.0 / layer.weight;
         let [front, back] = layer.sides;
         let normal = if front.weight >= back.weight { front.normal } else { back.normal };
         Some(Cut {
             depth: first.depth + layer.depth * share,
-            alpha: layer.opacity.min(1.0),
+            alpha: seen_through.cover(layer.weight.min(1.0), layer.opacity / layer.weight),
             color: (layer.color * share).to_array(),
             normal: normal.normalize_or_zero().to_array(),
             id: first.id,

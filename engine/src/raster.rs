@@ -70,6 +70,18 @@ pub(crate) struct Sample {
     pub(crate) faces_away: bool,
 }
 
+impl Sample {
+    /// The near end of its span.
+    pub(crate) fn nearest(&self) -> f32 {
+        self.depth + self.plane_offset.min(0.0)
+    }
+
+    /// The far end of its span.
+    pub(crate) fn farthest(&self) -> f32 {
+        self.depth + self.plane_offset.max(0.0)
+    }
+}
+
 /// What rasterization needs besides the records.
 pub(crate) struct Rasterizer<'a> {
     pub(crate) records: &'a Records,

@@ -162,3 +162,19 @@ fn five_scenes_agree_with_both_references() {
         assert!(r1.p999_error <= bounds[2], "{name}: {r1:?}");
     }
 }
+
+#[test]
+fn an_opaque_plane_through_fog_is_within_a_level_of_r1() {
+    // Fog of one colour: order does not matter, and what is left is the cut at the plane.
+    let fog = fog([14; 3], DVec3::splat(0.15), 1.5, [0.3, 0.5, 0.9]);
+    for degrees in [0.0, 50.0, 80.0] {
+        let plane = plane(60, 0.06, [0.9, 0.4, 0.1]).transformed(tilted(degrees, DVec3::ZERO));
+        let scene = unlit(vec![fog.clone(), plane]);
+        let camera = looking_from(DVec3::new(1.0, 0.8, -5.0), 40);
+        let frame = render(&scene, &camera, &unshaded(), &()).unwrap();
+        let r1 = reference(&scene, &camera, &unshaded(), ReferenceKind::R1, &|_| ()).unwrap();
+        let found = metrics(&frame, &r1);
+        println!("{degrees}°: largest error {}", found.max_error);
+        assert!(found.max_error <= 1.0 / 255.0, "{degrees}°: {found:?}");
+    }
+}

@@ -55,6 +55,7 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
     samples.sort_by(|a, b| a.z.total_cmp(&b.z).then(a.id.cmp(&b.id)));
     let mut left = samples.to_vec();
     let mut nearest = f64::NEG_INFINITY;
+    let (mut bare, mut veiled) = (1.0, 0.0);
     (1..=MOST_LAYERS).map_while(move |number| {
         let first = *left.first()?;
         let end = first.z.max(first.plane_z) + first.depth_tolerance;
@@ -75,10 +76,19 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
             taken.iter().filter(|s| s.back == back).map(|s| s.coverage() * s.normal).sum()
         };
         let shows_back = covered_by(true) > covered_by(false);
+        // Coverage goes to the bare part of the pixel first; only what is too much for it lies behind what is
+        // covered. `bare` is the share without a layer, `veiled` what the rest lets through.
+        let (coverage, opacity) = (total.min(1.0), covered / total);
+        let [seen_before, bare_before] = [bare + veiled, bare];
+        bare = (bare_before - coverage).max(0.0);
+        let newly = bare_before - bare;
+        let again = if bare_before < 1.0 { (coverage - newly) / (1.0 - bare_before) } else { 0.0 };
+        veiled = veiled * (1.0 - opacity * again) + newly * (1.0 - opacity);
+        let alpha = if seen_before > 0.0 { 1.0 - (bare + veiled) / seen_before } else { 1.0 };
         Some(Layer {
             z: nearest,
             id: first.id,
-            alpha: covered.min(1.0),
+            alpha,
             color: mean(|s| s.color),
             normal: side(shows_back),
             material: first.material,
