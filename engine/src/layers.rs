@@ -139,7 +139,7 @@ impl<'a> LayerBuilder<'a> {
             let last = number + 1 == MAX_LAYERS;
             samples.retain(|sample| !self.add(sample, &mut layers[sample.pixel as usize], last));
             for (pixel, layer) in layers.iter().enumerate() {
-                if let Some(mut cut) = self.close(layer, &mut seen_through[pixel]) {
+                if let Some(mut cut) = self.close(layer, last, &mut seen_through[pixel]) {
                     // Means of spans that overlap need not be in order; cuts are.
                     let nearer = cuts.of(pixel).last().map_or(cut.depth, |cut| cut.depth);
                     cut.depth = cut.depth.max(nearer);
@@ -178,14 +178,18 @@ impl<'a> LayerBuilder<'a> {
         true
     }
 
-    fn close(&self, layer: &Layer, seen_through: &mut SeenThrough) -> Option<Cut> {
+    fn close(&self, layer: &Layer, last: bool, seen_through: &mut SeenThrough) -> Option<Cut> {
         let first = layer.first?;
         let share = 1.0 / layer.weight;
         let [front, back] = layer.sides;
         let normal = if front.weight >= back.weight { front.normal } else { back.normal };
+        let opacity = layer.opacity / layer.weight;
+        // The last layer may be several sheets, one behind the other.
+        let sheets = if last { layer.weight.max(1.0) } else { 1.0 };
+        let opacity = if opacity < 1.0 { 1.0 - (1.0 - opacity).powf(sheets) } else { 1.0 };
         Some(Cut {
             depth: first.depth + layer.depth * share,
-            alpha: seen_through.cover(layer.weight.min(1.0), layer.opacity / layer.weight),
+            alpha: seen_through.cover(layer.weight.min(1.0), opacity),
             color: (layer.color * share).to_array(),
             normal: normal.normalize_or_zero().to_array(),
             id: first.id,

@@ -78,7 +78,10 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
         let shows_back = covered_by(true) > covered_by(false);
         // Coverage goes to the bare part of the pixel first; only what is too much for it lies behind what is
         // covered. `bare` is the share without a layer, `veiled` what the rest lets through.
-        let (coverage, opacity) = (total.min(1.0), covered / total);
+        // The last layer may be several sheets, one behind the other.
+        let sheets = if number == MOST_LAYERS { total.max(1.0) } else { 1.0 };
+        let opacity = 1.0 - (1.0 - covered / total).max(0.0).powf(sheets);
+        let coverage = total.min(1.0);
         let [seen_before, bare_before] = [bare + veiled, bare];
         bare = (bare_before - coverage).max(0.0);
         let newly = bare_before - bare;

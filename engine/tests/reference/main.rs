@@ -81,6 +81,14 @@ fn plane(center: Vec3, normal: Vec3, half: i32, opacity: f32, color: [f32; 3]) -
     Cloud::new(splats).unwrap()
 }
 
+/// The same surfels, each standing for half the area.
+fn thinned(sheet: &Cloud) -> Cloud {
+    let mut splats = sheet.splats().clone();
+    let Strength::Surface(surface) = &mut splats.strength else { unreachable!() };
+    surface.areas.iter_mut().for_each(|area| *area *= 0.5);
+    Cloud::new(splats).unwrap()
+}
+
 fn close(a: f64, b: f64, tolerance: f64) {
     assert!((a - b).abs() <= tolerance, "{a} is not {b} within {tolerance}");
 }

@@ -9,12 +9,12 @@ fn transforms_scale_masses_and_areas() {
     let fog = kernels(&[Vec3::Z * 5.0], 0.5, 0.3, &[RED]).transformed(twice);
     let frame = draw(vec![fog], &orthographic(1.0, 1), &unlit(0.0));
     close(f64::from(frame.color[0][3]), 1.0 - (-2.0 * 0.3f64 / (TAU * 0.25)).exp(), 1e-7);
-    // A sheet of surfels stays a sheet of the same opacity under any affine transform.
+    // A sheet of surfels that cover half of it stays that under any affine transform.
     let affine = DAffine3::from_mat3_translation(
         DMat3::from_cols_array(&[1.2, 0.1, 0.3, -0.2, 0.8, 0.2, 0.1, -0.1, 0.9]),
         DVec3::new(-1.0, 0.0, 1.0),
     );
-    let sheet = plane(Vec3::Z * 10.0, Vec3::NEG_Z, 14, 0.5, GREEN).transformed(affine);
+    let sheet = thinned(&plane(Vec3::Z * 10.0, Vec3::NEG_Z, 14, 1.0, GREEN)).transformed(affine);
     let frame = draw(vec![sheet], &orthographic(4.0, 9), &unlit(0.0));
     for color in &frame.color {
         close(f64::from(color[3]), 0.5 / 0.99, 2e-5);

@@ -27,7 +27,7 @@ fn opaque_plane_is_opaque_at_its_depth() {
 
 #[test]
 fn what_the_cut_off_takes_is_given_back() {
-    let sheet = plane(Vec3::Z * 10.0, Vec3::NEG_Z, 9, 0.5, GREEN);
+    let sheet = thinned(&plane(Vec3::Z * 10.0, Vec3::NEG_Z, 9, 1.0, GREEN));
     for cutoff in [4.0, 12.25] {
         // 16×16 pixels over 4×4 surfels: their mean is that of the coverage.
         let settings = RenderSettings { cutoff, ..unlit(0.0) };
@@ -60,7 +60,7 @@ fn layers_blend_front_to_back_with_fog_between() {
     let [front, back] = sheets;
     let settings = RenderSettings { background: [1.0, 1.0, 1.0, 0.5], ..unlit(0.0) };
     let frame = draw(vec![back, fog, front], &orthographic(4.0, 9), &settings);
-    let (near, far) = (0.5 / 0.99, 0.25 / 0.99);
+    let (near, far) = (0.5, 0.25);
     let through = (-0.2f64 / (TAU * 0.0625)).exp();
     let behind = 0.5 * (1.0 - near) * through * (1.0 - far);
     let at = 4 * 9 + 4;
@@ -81,12 +81,12 @@ fn the_fifth_layer_merges_into_the_fourth() {
         .map(|i| plane(Vec3::Z * (10.0 + 3.0 * i as f32), Vec3::NEG_Z, 10, 0.2, [i as f32, 1.0, 0.0]))
         .collect();
     let frame = draw(sheets, &orthographic(4.0, 1), &unlit(0.0));
-    let alpha = 0.2 / 0.99;
-    let rest = 1.0f64 - alpha;
-    // Sheets 3, 4 and 5 are one layer of three times the coverage and the mean colour 4.
-    let red = alpha * (rest + 2.0 * rest * rest) + rest.powi(3) * 3.0 * alpha * 4.0;
+    let (alpha, rest) = (0.2, 0.8f64);
+    // Sheets 3, 4 and 5 are one layer of the mean colour 4 that counts as 3/0.99 sheets.
+    let last = 1.0 - rest.powf(3.0 / 0.99);
+    let red = alpha * (rest + 2.0 * rest * rest) + rest.powi(3) * last * 4.0;
     close(f64::from(frame.color[0][0]), red, 1e-4);
-    close(f64::from(frame.color[0][3]), 1.0 - rest.powi(3) * (1.0 - 3.0 * alpha), 1e-4);
+    close(f64::from(frame.color[0][3]), 1.0 - rest.powi(3) * (1.0 - last), 1e-4);
 }
 
 #[test]
@@ -150,7 +150,7 @@ fn light_falls_as_the_material_says() {
 
 #[test]
 fn display_blending_works_on_encoded_colours() {
-    let sheet = plane(Vec3::Z * 10.0, Vec3::NEG_Z, 8, 0.495, [0.8, 0.2, 0.0]);
+    let sheet = plane(Vec3::Z * 10.0, Vec3::NEG_Z, 8, 0.5, [0.8, 0.2, 0.0]);
     let background = [0.1, 0.4, 1.0, 1.0];
     let settings = RenderSettings { blend: Blend::Display, background, ..unlit(0.0) };
     let frame = draw(vec![sheet], &orthographic(1.0, 1), &settings);
