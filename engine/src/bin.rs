@@ -19,7 +19,7 @@ pub(crate) struct TileLists {
 
 /// The lists of consecutive rows of tiles.
 struct Band {
-    starts: Vec<u32>,
+    starts: Vec<usize>,
     entries: Vec<u32>,
 }
 
@@ -43,7 +43,7 @@ impl TileLists {
     pub(crate) fn tile(&self, column: usize, row: usize) -> &[u32] {
         let band = &self.bands[row / self.rows_per_band];
         let index = (row % self.rows_per_band) * self.columns + column;
-        &band.entries[band.starts[index] as usize..band.starts[index + 1] as usize]
+        &band.entries[band.starts[index]..band.starts[index + 1]]
     }
 }
 
@@ -57,7 +57,7 @@ impl Band {
             (top..bottom.max(top))
                 .flat_map(move |row| (left..right).map(move |c| (row - first_row) * columns + c))
         };
-        let mut starts = vec![0_u32; columns * rows.len() + 1];
+        let mut starts = vec![0_usize; columns * rows.len() + 1];
         for index in order {
             for tile in tiles(&rects[*index as usize]) {
                 starts[tile + 1] += 1;
@@ -67,10 +67,10 @@ impl Band {
             starts[tile] += starts[tile - 1];
         }
         let mut next = starts.clone();
-        let mut entries = vec![0; starts[starts.len() - 1] as usize];
+        let mut entries = vec![0; starts[starts.len() - 1]];
         for index in order {
             for tile in tiles(&rects[*index as usize]) {
-                entries[next[tile] as usize] = *index;
+                entries[next[tile]] = *index;
                 next[tile] += 1;
             }
         }

@@ -135,8 +135,8 @@ impl Camera {
     /// A camera from its intrinsics and pose.
     ///
     /// # Errors
-    /// When a focal length is not above 0, a number is not finite, or a side of the picture is 0 or above
-    /// 65,536.
+    /// When a focal length is not above 0, a number is not finite, a side of the picture is 0 or above
+    /// 65,535, or the pose does more than turn and shift.
     pub fn from_intrinsics(
         pose: Pose,
         intrinsics: Intrinsics,
@@ -159,22 +159,32 @@ impl Camera {
             }
         }
         for value in size.map(f64::from) {
-            if !(1.0..=65_536.0).contains(&value) {
-                let expected = "it must be from 1 to 65536 pixels";
+            if !(1.0..=65_535.0).contains(&value) {
+                let expected = "it must be from 1 to 65535 pixels";
                 return Err(CameraError::Value { what: "side of the picture", value, expected });
             }
         }
-        if !pose.world_to_camera.is_finite() {
-            return Err(CameraError::Value { what: "pose", value: f64::NAN, expected: "it must be finite" });
+        let rotation = pose.world_to_camera.matrix3;
+        let off = rotation * rotation.transpose() - DMat3::IDENTITY;
+        let stretch = off.to_cols_array().into_iter().map(f64::abs).fold(0.0, f64::max);
+        if !pose.world_to_camera.is_finite() || stretch > 1e-6 || rotation.determinant() < 0.0 {
+            let expected = "it must be a rotation and a shift; this is how far from 1 its axes are";
+            return Err(CameraError::Value { what: "pose", value: stretch, expected });
         }
         Ok(Self { pose, intrinsics, projection, size, near: 0.0 })
     }
 
     /// The same camera with nothing drawn nearer than `near` (world units along the view axis, default 0).
-    #[must_use]
-    pub fn with_near(mut self, near: f64) -> Self {
+    ///
+    /// # Errors
+    /// When it is not finite, or below 0 for a pinhole camera.
+    pub fn with_near(mut self, near: f64) -> Result<Self, CameraError> {
+        if !near.is_finite() || (near < 0.0 && self.projection == Projection::Perspective) {
+            let expected = "it must be finite, and at least 0 for a pinhole camera";
+            return Err(CameraError::Value { what: "near plane", value: near, expected });
+        }
         self.near = near;
-        self
+        Ok(self)
     }
 
     /// Where it stands.

@@ -228,6 +228,15 @@ fn validate(splats: &Splats) -> Result<(), CloudError> {
             }
         }
     }
+    let Material { ambient, diffuse, specular, exponent } = splats.material;
+    for (what, value) in
+        [("ambient", ambient), ("diffuse", diffuse), ("specular", specular), ("exponent", exponent)]
+    {
+        if !(value >= 0.0 && value.is_finite()) {
+            let expected = "a coefficient of the material is finite and at least 0";
+            return Err(CloudError::Value { index: 0, what, value: value.to_string(), expected });
+        }
+    }
     length("colors", splats.colors.len())?;
     for (index, color) in splats.colors.iter().enumerate() {
         finite("colour", index, color.iter().all(|c| c.is_finite()), color)?;
@@ -267,7 +276,8 @@ fn validate(splats: &Splats) -> Result<(), CloudError> {
 }
 
 /// The factor F of a flattened splat (Σ = F Fᵀ) with its normal along `normal`, radius `radius` and
-/// thickness `radius / flattening`; `flattening` is from 1 (round) to infinity (a surfel).
+/// thickness `radius / flattening`; `flattening` is from 1 (round) to infinity (a surfel). A zero normal gives
+/// the z axis.
 pub fn oblate_factor(normal: Vec3, radius: f32, flattening: f32) -> Mat3 {
     let normal = normal.try_normalize().unwrap_or(Vec3::Z);
     let (tangent, _) = normal.any_orthonormal_pair();

@@ -27,28 +27,29 @@ pub(crate) struct Cut {
 pub(crate) struct Run {
     /// Red, green, blue, each times its contribution, and z times its contribution.
     pub(crate) color_and_depth: Vec4,
-    /// What passes.
-    pub(crate) transmittance: f32,
+    /// What does not pass. Kept instead of the transmittance, of which 1 − α loses the thinnest media.
+    pub(crate) opacity: f32,
 }
 
 impl Run {
     /// Nothing there.
-    pub(crate) const CLEAR: Self = Self { color_and_depth: Vec4::ZERO, transmittance: 1.0 };
+    pub(crate) const CLEAR: Self = Self { color_and_depth: Vec4::ZERO, opacity: 0.0 };
 
     /// A run that sends `color` from depth z with opacity `alpha`.
     pub(crate) fn layer(color: [f32; 3], depth: f32, alpha: f32) -> Self {
         let [red, green, blue] = color;
         let color_and_depth = Vec4::new(red, green, blue, depth) * alpha;
-        Self { color_and_depth, transmittance: 1.0 - alpha }
+        Self { color_and_depth, opacity: alpha }
     }
 
     /// This run in front of another: (C, T)∘(C', T') = (C + T·C', T·T').
     #[inline(always)]
     #[must_use]
     pub(crate) fn over(self, behind: Self) -> Self {
+        let transmittance = 1.0 - self.opacity;
         Self {
-            color_and_depth: self.color_and_depth + behind.color_and_depth * self.transmittance,
-            transmittance: self.transmittance * behind.transmittance,
+            color_and_depth: self.color_and_depth + behind.color_and_depth * transmittance,
+            opacity: self.opacity + behind.opacity * transmittance,
         }
     }
 }
@@ -77,7 +78,7 @@ impl Runs {
     /// Whether nothing behind what is there already can be seen, in the `pixels` of a tile.
     pub(crate) fn all_spent(&self, pixels: impl Iterator<Item = usize>, spent: f32) -> bool {
         let mut pixels = pixels;
-        pixels.all(|pixel| self.runs[pixel * SEGMENTS].transmittance <= spent)
+        pixels.all(|pixel| self.runs[pixel * SEGMENTS].opacity >= 1.0 - spent)
     }
 }
 
@@ -105,7 +106,7 @@ impl Compositor<'_> {
 
     #[inline(always)]
     fn add_fragment(&self, fragment: &Fragment, color: [f32; 3], cuts: &[Cut], runs: &mut [Run]) {
-        if runs[0].transmittance <= self.spent {
+        if runs[0].opacity >= 1.0 - self.spent {
             return;
         }
         let reach = REACH * fragment.sigma_z;

@@ -118,7 +118,7 @@ pub(crate) fn clusters(splats: &crate::cloud::Splats) -> Vec<Cluster> {
             for p in centers {
                 (low, high) = (low.min(*p), high.max(*p));
             }
-            let center = low + (high - low) * 0.5;
+            let center = low * 0.5 + high * 0.5;
             let radius = centers.iter().map(|p| p.distance(center)).fold(0.0, f32::max);
             let largest_sigma = range
                 .clone()

@@ -1,6 +1,6 @@
 //! e^x as the rasterizer needs it: inlined, without a call or a branch.
 
-/// e^x within 4e-7 of itself for −87 ≤ x ≤ 87; outside it is e^{±87}.
+/// e^x for −87 ≤ x ≤ 87, within (4 + 1.2 |x|) 1e-7 of itself; outside it is e^{±87}.
 ///
 /// 2^f by a minimax polynomial of degree 5 on [−½, ½] (relative error 2.1e-7) times a power of two put into
 /// the exponent's bits.

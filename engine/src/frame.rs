@@ -9,7 +9,7 @@ pub struct Frame {
     pub height: usize,
     /// Linear Rec. 709, premultiplied, and alpha.
     pub color: Vec<[f32; 4]>,
-    /// z of the first surface layer; infinity where there is none.
+    /// z of the first surface layer, however little it covers; infinity where there is none.
     pub depth: Vec<f32>,
     /// Mean z of what is seen, weighted by its contribution, the background left out; infinity where
     /// nothing is seen.

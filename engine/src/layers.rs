@@ -180,17 +180,17 @@ impl<'a> LayerBuilder<'a> {
 
     fn close(&self, layer: &Layer, last: bool, seen_through: &mut SeenThrough) -> Option<Cut> {
         let first = layer.first?;
-        let share = 1.0 / layer.weight;
         let [front, back] = layer.sides;
-        let normal = if front.weight >= back.weight { front.normal } else { back.normal };
+        // On the side that is seen.
+        let normal = if front.weight >= back.weight { front.normal } else { -back.normal };
         let opacity = layer.opacity / layer.weight;
         // The last layer may be several sheets, one behind the other.
         let sheets = if last { layer.weight.max(1.0) } else { 1.0 };
         let opacity = if opacity < 1.0 { 1.0 - (1.0 - opacity).powf(sheets) } else { 1.0 };
         Some(Cut {
-            depth: first.depth + layer.depth * share,
+            depth: first.depth + layer.depth / layer.weight,
             alpha: seen_through.cover(layer.weight.min(1.0), opacity),
-            color: (layer.color * share).to_array(),
+            color: (layer.color / layer.weight).to_array(),
             normal: normal.normalize_or_zero().to_array(),
             id: first.id,
             cloud: self.records.records[first.record as usize].cloud,

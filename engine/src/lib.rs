@@ -31,12 +31,14 @@ pub mod render;
 mod resolve;
 pub mod scene;
 mod shade;
+pub mod validate;
 
 pub use camera::{Camera, CameraError, Intrinsics, Pose, Projection};
 pub use cloud::{Cloud, CloudError, Material, Shapes, Splats, Strength, Surface};
 pub use frame::Frame;
 pub use metrics::{Metrics, MetricsError, Pixels, compare};
 pub use observer::{Counts, Observer, Stage};
-pub use reference::{ReferenceError, ReferenceKind, reference};
-pub use render::{RenderError, render};
+pub use reference::{ReferenceKind, reference};
+pub use render::render;
 pub use scene::{Blend, FootprintForm, Light, RenderSettings, Scene};
+pub use validate::SceneError;

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 /// The indices of the records, sorted. Keys are unique, so the order is the same for any thread count.
 pub(crate) fn by_distance(records: &Records) -> Vec<u32> {
     let mut keys: Vec<u64> = records
-        .depth_keys
+        .distance_keys
         .iter()
         .enumerate()
         .map(|(index, key)| (u64::from(*key) << 32) | index as u64)

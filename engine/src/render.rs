@@ -11,119 +11,56 @@ use crate::observer::{Counts, Observer, Stage};
 use crate::order::by_distance;
 use crate::raster::{Fragments, Rasterizer, Sample, Tile};
 use crate::resolve::{Pixel, Resolver, store};
-use crate::scene::{Light, RenderSettings, Scene};
+use crate::scene::{RenderSettings, Scene};
 use crate::shade::Shader;
-use glam::DVec3;
+use crate::validate::SceneError;
 use rayon::prelude::*;
-use thiserror::Error;
-
-/// Why a scene cannot be drawn.
-#[derive(Clone, Debug, Error, PartialEq)]
-pub enum RenderError {
-    /// A setting is outside its range.
-    #[error("{what} is {value}; {expected}")]
-    Setting {
-        /// Which.
-        what: &'static str,
-        /// What it is.
-        value: f64,
-        /// What would be right.
-        expected: &'static str,
-    },
-    /// A light is not finite or points nowhere.
-    #[error("light {index} is {light:?}; its numbers must be finite and its direction not zero")]
-    Light {
-        /// Its number in the scene.
-        index: usize,
-        /// The light.
-        light: Light,
-    },
-    /// More clouds or splats than ids can name.
-    #[error("the scene has {clouds} clouds with {splats} splats; at most 65535 and 4294967294 can be named")]
-    Count {
-        /// Clouds in the scene.
-        clouds: usize,
-        /// Splats in all of them.
-        splats: usize,
-    },
-}
 
 /// Draws a scene, on the threads of the current rayon pool; the picture does not depend on how many.
 ///
 /// # Errors
-/// When a setting is outside its documented range or the scene has more splats than ids can name.
+/// When a setting, a light or a transform is outside its documented range, or the scene has more clouds or
+/// splats than ids can name.
 pub fn render(
     scene: &Scene,
     camera: &Camera,
     settings: &RenderSettings,
     observer: &dyn Observer,
-) -> Result<Frame, RenderError> {
-    let splats = validate(scene, settings)?;
-    let watch = |stage, run: &mut dyn FnMut()| {
-        observer.begin(stage);
-        run();
-        observer.end(stage);
-    };
-    let (mut visible, mut records) = (Vec::new(), Records::default());
-    let (mut order, mut lists) = (Vec::new(), None);
-    watch(Stage::Cull, &mut || visible = visible_ranges(scene, camera, settings));
-    watch(Stage::Footprint, &mut || records = project(scene, camera, settings, &visible));
-    watch(Stage::Order, &mut || order = by_distance(&records));
-    watch(Stage::Bin, &mut || lists = Some(TileLists::new(camera.size(), &order, &records.rects)));
+) -> Result<Frame, SceneError> {
+    settings.validate()?;
+    let splats = scene.validate()?;
+    let visible = watched(observer, Stage::Cull, || visible_ranges(scene, camera, settings));
+    let records = watched(observer, Stage::Footprint, || project(scene, camera, settings, &visible));
+    let order = watched(observer, Stage::Order, || by_distance(&records));
+    let lists = watched(observer, Stage::Bin, || TileLists::new(camera.size(), &order, &records.rects));
 
     let [width, height] = camera.size().map(|side| side as usize);
     let mut frame = Frame::new(width, height);
     let mut fragments = 0;
-    if let Some(lists) = lists {
-        let drawer = TileDrawer::new(scene, camera, settings, &records);
-        let tiles: Vec<(Tile, Vec<Pixel>, u64)> = (0..lists.columns * lists.rows)
-            .into_par_iter()
-            .map_init(Scratch::new, |scratch, index| {
-                let (column, row) = (index % lists.columns, index / lists.columns);
-                let origin = [column * TILE, row * TILE];
-                let tile =
-                    Tile { origin, size: [(width - origin[0]).min(TILE), (height - origin[1]).min(TILE)] };
-                let (pixels, count) = drawer.draw(tile, lists.tile(column, row), scratch, observer);
-                (tile, pixels, count)
-            })
-            .collect();
-        for (tile, pixels, count) in &tiles {
-            store(&mut frame, *tile, pixels);
-            fragments += count;
-        }
+    let drawer = TileDrawer::new(scene, camera, settings, &records);
+    let tiles: Vec<(Tile, Vec<Pixel>, u64)> = (0..lists.columns * lists.rows)
+        .into_par_iter()
+        .map_init(Scratch::new, |scratch, index| {
+            let (column, row) = (index % lists.columns, index / lists.columns);
+            let origin = [column * TILE, row * TILE];
+            let tile = Tile { origin, size: [(width - origin[0]).min(TILE), (height - origin[1]).min(TILE)] };
+            let (pixels, count) = drawer.draw(tile, lists.tile(column, row), scratch, observer);
+            (tile, pixels, count)
+        })
+        .collect();
+    for (tile, pixels, count) in &tiles {
+        store(&mut frame, *tile, pixels);
+        fragments += count;
     }
     observer.counts(Counts { splats: splats as u64, visible: records.records.len() as u64, fragments });
     Ok(frame)
 }
 
-/// Checks the settings and counts the splats.
-fn validate(scene: &Scene, settings: &RenderSettings) -> Result<usize, RenderError> {
-    let check = |what, value: f64, ok: bool, expected| {
-        if ok { Ok(()) } else { Err(RenderError::Setting { what, value, expected }) }
-    };
-    let RenderSettings { low_pass, tolerance, cutoff, .. } = *settings;
-    check("low-pass variance", low_pass, (0.0..=1e6).contains(&low_pass), "it must be from 0 to 1e6 px²")?;
-    check("tolerance", tolerance, (0.0..=1.0).contains(&tolerance), "it must be from 0 to 1")?;
-    check("cut-off", cutoff, cutoff > 0.0 && cutoff <= 100.0, "it must be above 0 and at most 100")?;
-    for value in settings.background.map(f64::from) {
-        check("background", value, value.is_finite(), "it must be finite")?;
-    }
-    for (index, light) in scene.lights.iter().enumerate() {
-        let (place, color) = match *light {
-            Light::Ambient { color } => (DVec3::ONE, color),
-            Light::Directional { towards, color } => (towards.normalize_or_zero(), color),
-            Light::Point { position, color } => (position, color),
-        };
-        let points_nowhere = matches!(light, Light::Directional { .. }) && place == DVec3::ZERO;
-        if !place.is_finite() || points_nowhere || color.iter().any(|c| !c.is_finite()) {
-            return Err(RenderError::Light { index, light: *light });
-        }
-    }
-    let (clouds, splats) = (scene.clouds.len(), scene.clouds.iter().map(|cloud| cloud.len()).sum());
-    if clouds > usize::from(u16::MAX) || splats >= u32::MAX as usize {
-        return Err(RenderError::Count { clouds, splats });
-    }
-    Ok(splats)
+fn watched<T>(observer: &dyn Observer, stage: Stage, run: impl FnOnce() -> T) -> T {
+    observer.begin(stage);
+    let value = run();
+    observer.end(stage);
+    value
 }
 
 /// Buffers of one thread.
@@ -156,7 +93,7 @@ impl<'a> TileDrawer<'a> {
     fn new(scene: &Scene, camera: &Camera, settings: &'a RenderSettings, records: &'a Records) -> Self {
         let lens = Lens::new(camera, settings.low_pass);
         let near = camera.near() as f32;
-        // A quarter of the tolerance: what is behind it changes no channel by more.
+        // A quarter of the tolerance: what is behind changes a channel by at most that share of its brightness.
         let spent = (settings.tolerance / 4.0) as f32;
         let shaders =
             scene.clouds.iter().map(|cloud| Shader::new(scene, camera, cloud.splats().material)).collect();

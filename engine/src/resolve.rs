@@ -49,7 +49,7 @@ impl Resolver<'_> {
         for (cut, run) in cuts.iter().zip(&runs[1..]) {
             all = all.over(Run::layer(self.shade(place, cut), cut.depth, cut.alpha)).over(*run);
         }
-        let alpha = 1.0 - all.transmittance;
+        let alpha = all.opacity;
         let expected_depth = if alpha > 0.0 { all.color_and_depth.w / alpha } else { f32::INFINITY };
         let first = cuts.first();
         let normal = first
@@ -78,7 +78,7 @@ impl Resolver<'_> {
             background = background.map(linear_to_srgb);
         }
         let all = run.over(Run::layer(background, 0.0, background_alpha));
-        let alpha = 1.0 - all.transmittance;
+        let alpha = all.opacity;
         let mut color = all.color_and_depth.truncate().to_array();
         if self.settings.blend == Blend::Display && alpha > 0.0 {
             color = color.map(|c| srgb_to_linear(c / alpha) * alpha);

@@ -48,13 +48,22 @@ impl Shader {
         Self { material, ambient, sources, parallel_rays }
     }
 
-    /// The colour sent to the camera by a point with a base colour and a unit normal, seen from either
-    /// side. A point without a normal (zero), deep inside a uniform region, returns ambient light alone.
+    /// As [`Self::shade`], for a point that has no sides: the normal is turned to the viewer.
+    pub(crate) fn shade_two_sided(&self, base: [f32; 3], normal: Vec3, position: Vec3) -> [f32; 3] {
+        let faces_away = normal.dot(self.to_eye(position)) < 0.0;
+        self.shade(base, if faces_away { -normal } else { normal }, position)
+    }
+
+    fn to_eye(&self, position: Vec3) -> Vec3 {
+        if self.parallel_rays { -Vec3::Z } else { (-position).normalize_or_zero() }
+    }
+
+    /// The colour sent to the camera by a point with a base colour and a unit normal on the side that is
+    /// seen. A point without a normal (zero), deep inside a uniform region, returns ambient light alone.
     pub(crate) fn shade(&self, base: [f32; 3], normal: Vec3, position: Vec3) -> [f32; 3] {
         let Material { ambient, diffuse, specular, exponent } = self.material;
         let base = Vec3::from(base);
-        let to_eye = if self.parallel_rays { -Vec3::Z } else { (-position).normalize_or_zero() };
-        let facing = if normal.dot(to_eye) < 0.0 { -normal } else { normal };
+        let to_eye = self.to_eye(position);
         let mut light = self.ambient * ambient;
         let mut highlight = Vec3::ZERO;
         for source in &self.sources {
@@ -62,11 +71,11 @@ impl Shader {
                 Source::Towards(direction, color) => (direction, color),
                 Source::At(place, color) => ((place - position).normalize_or_zero(), color),
             };
-            let cosine = facing.dot(towards);
+            let cosine = normal.dot(towards);
             if cosine > 0.0 {
                 light += color * (diffuse * cosine);
                 let half = (towards + to_eye).normalize_or_zero();
-                highlight += color * (specular * facing.dot(half).max(0.0).powf(exponent));
+                highlight += color * (specular * normal.dot(half).max(0.0).powf(exponent));
             }
         }
         (base * light + highlight).to_array()

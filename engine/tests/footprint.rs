@@ -185,7 +185,6 @@ proptest! {
             let found = footprint.unit_integral * hit.scale * (-0.5 * hit.r).exp();
             within(found / expected_integral, 1.0, tolerance, "line integral")?;
         }
-        prop_assert_eq!(footprint.affine_error(true, &lens), 1.1 * 0.0);
     }
 }
 
@@ -395,8 +394,8 @@ fn energy_of_one_splat_is_kept_at_every_size() {
 fn kernels_around_the_camera_plane_stay_finite_and_right() {
     let lens = lens(0.3);
     let sigma = 0.5;
-    for step in -60..=20 {
-        let center = DVec3::new(0.3, 0.2, f64::from(step) / 20.0 + 1e-9);
+    let passing = (-60..=20).map(|step| DVec3::new(0.3, 0.2, f64::from(step) / 20.0));
+    for center in passing.chain([DVec3::ZERO, DVec3::new(0.0, 0.0, 1e-30)]) {
         let splat = CameraSplat { center, factor: DMat3::from_diagonal(DVec3::splat(sigma)) };
         let Some(footprint) = Footprint::new(&splat, &lens) else { panic!("lost at {center}") };
         for pixel in [DVec2::new(512.0, 384.0), DVec2::new(10.0, 700.0), DVec2::new(1000.0, 3.0)] {
@@ -408,6 +407,7 @@ fn kernels_around_the_camera_plane_stay_finite_and_right() {
             let z = v.dot(center) / v.length_squared();
             let r = (v * z - center).length_squared() / (sigma * sigma);
             let kernel = |r: f64| (-0.5 * r).exp();
+            // The move off the camera plane is 3e-4 σ, 1.8e-4 of the peak; f32 loses u ≈ 1e6 px · 6e-8 nearby.
             assert!(
                 (kernel(f64::from(found.r)) - kernel(r)).abs() < 2e-3,
                 "kernel at {center}, {pixel}: r = {} instead of {r}",

@@ -4,8 +4,11 @@
 
 mod scenes;
 
-use glam::{DMat3, DVec3, Vec3};
-use oblate_engine::{Camera, Cloud, FootprintForm, Frame, Pose, RenderSettings, Strength};
+use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
+use oblate_engine::{
+    Camera, Cloud, FootprintForm, Frame, Light, Material, Pose, RenderSettings, Scene, SceneError, Splats,
+    Strength, render,
+};
 use scenes::*;
 
 /// The pixels of the middle square, half the picture wide.
@@ -75,21 +78,24 @@ fn path_through_box(camera: &Camera, [x, y]: [f64; 2], half: f64) -> [DVec3; 2] 
 fn a_lattice_of_surfels_covers_evenly_to_87_degrees() {
     // σ = 0.8 of the spacing ripples by 4e^{−2π²·0.64} = 1.3e-5 an axis; what is left is the cut-off's 0.2 %.
     // Surfels of half the area keep coverage from saturating.
-    let side = 400;
-    let mut splats = plane(side, 0.05, [1.0; 3]).splats().clone();
+    let (width, length, spacing) = (80, 4000, 0.05);
+    let points: Vec<_> = (0..width * length)
+        .map(|i| {
+            let place = [(i % width) as f32 - 39.5, (i / width) as f32 - 1999.5];
+            (Vec3::new(place[0], place[1], 0.0) * spacing, Vec3::NEG_Z)
+        })
+        .collect();
+    let mut splats = surfels(&points, spacing * spacing, [1.0; 3], false).splats().clone();
     if let Strength::Surface(surface) = &mut splats.strength {
         surface.areas.iter_mut().for_each(|area| *area *= 0.5);
     }
     let cloud = Cloud::new(splats).unwrap();
     for degrees in [0.0, 30.0, 60.0, 75.0, 87.0] {
-        // Surfels from 5 pixels to 1/5 of a pixel apart; the tilted plane is 20 cos θ units high.
-        for pixels_apart in [5.0, 1.0, 0.2] {
-            let height = 32.0 * 0.05 / pixels_apart;
-            if height > 10.0 * f64::to_radians(degrees).cos() {
-                continue;
-            }
-            let pose = camera(60.0, 32).pose();
-            let camera = Camera::orthographic(pose, height, [32; 2]).unwrap();
+        for pixels_apart in [5.0, 1.0, 0.25] {
+            // 16 pixels high: at most 64 of the lattice's 80 across and, at 87°, 1220 of its 4000 along.
+            let pose = camera(60.0, 16).pose();
+            let camera =
+                Camera::orthographic(pose, 16.0 * f64::from(spacing) / pixels_apart, [16; 2]).unwrap();
             let tilted = cloud.clone().transformed(tilted(degrees, DVec3::ZERO));
             let frame = draw(vec![tilted], &camera, &unshaded());
             let [low, high] = extremes(middle(&frame).map(|i| frame.color[i][3] * 2.0 * 0.98));
@@ -194,7 +200,7 @@ fn an_edge_before_a_body_shows_no_fringe() {
 
 #[test]
 fn a_plane_hides_what_is_behind_it_and_half_of_what_it_cuts() {
-    let kernel = kernels(vec![Vec3::ZERO], glam::Mat3::from_diagonal(Vec3::splat(1.0)), 4.0, [0.0, 1.0, 0.0]);
+    let kernel = kernels(vec![Vec3::ZERO], Mat3::from_diagonal(Vec3::splat(1.0)), 4.0, [0.0, 1.0, 0.0]);
     let camera = camera(50.0, 32);
     // A ray through the middle of a kernel of mass m has τ = m/(2πσ²), σ² with the filter's share and the
     // cut-off's gain.
@@ -211,6 +217,85 @@ fn a_plane_hides_what_is_behind_it_and_half_of_what_it_cuts() {
         assert!((f64::from(pixel[1]) - expected).abs() < 1e-3, "wall at {shift}: {pixel:?}, not {expected}");
         assert!((pixel[0] + pixel[1] - 1.0).abs() < 1e-3, "{pixel:?}");
     }
+}
+
+#[test]
+fn the_side_that_is_seen_has_the_normal_and_the_light() {
+    let plane = plane(60, 0.1, [1.0; 3]);
+    let lit = Light::Directional { towards: DVec3::Z, color: [1.0; 3] };
+    for (eye_z, bright) in [(-10.0, 0.0), (10.0, 0.7)] {
+        let scene = Scene { clouds: vec![lambert(&plane)], lights: vec![lit] };
+        let view = looking_from(DVec3::new(0.0, 0.0, eye_z), 16);
+        let frame = render(&scene, &view, &RenderSettings::default(), &()).unwrap();
+        for i in middle(&frame) {
+            let normal = DVec3::from(frame.normal[i].map(f64::from));
+            assert!(normal.distance(DVec3::Z * eye_z.signum()) < 1e-4, "from {eye_z}: normal {normal}");
+            assert!((frame.color[i][0] - bright).abs() < 1e-4, "from {eye_z}: {:?}", frame.color[i]);
+        }
+    }
+}
+
+/// The same surfels, returning diffuse light only.
+fn lambert(cloud: &Cloud) -> Cloud {
+    let material = Material { ambient: 0.0, diffuse: 0.7, specular: 0.0, exponent: 1.0 };
+    Cloud::new(Splats { material, ..cloud.splats().clone() }).unwrap()
+}
+
+#[test]
+fn the_thinnest_media_add_up() {
+    // 1000 kernels of τ = 2e-8 each: colour, alpha and depth are those of one of 2e-5.
+    let centers: Vec<Vec3> = (0..1000).map(|i| Vec3::new(0.0, 0.0, 10.0 + i as f32 * 1e-3)).collect();
+    let view = Camera::orthographic(camera(10.0, 1).pose(), 1e-3, [1; 2]).unwrap();
+    let mass = (2e-8 * std::f64::consts::TAU) as f32;
+    let cloud = kernels(centers, Mat3::IDENTITY, mass, [1.0; 3]);
+    let frame = draw(vec![cloud], &view, &unshaded());
+    let expected = 2e-5 / (1.0 - (-0.5 * 12.25_f64).exp());
+    for value in [frame.color[0][0], frame.color[0][3]] {
+        assert!((f64::from(value) / expected - 1.0).abs() < 1e-3, "{value} is not {expected}");
+    }
+    assert!((frame.expected_depth[0] - 20.5).abs() < 0.01, "{}", frame.expected_depth[0]);
+}
+
+#[test]
+fn nothing_and_next_to_nothing_can_be_drawn() {
+    let view = camera(5.0, 1);
+    assert_eq!(draw(Vec::new(), &view, &unshaded()), Frame::new(1, 1));
+    let squashed = DAffine3::from_scale(DVec3::new(1.0, 1.0, 0.0));
+    let huge = DAffine3::from_scale(DVec3::splat(1e15));
+    let mirrored = DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+    for transform in [squashed, huge, mirrored, DAffine3::ZERO] {
+        let clouds = vec![
+            fog([4; 3], DVec3::splat(0.2), 1.0, [0.5; 3]).transformed(transform),
+            sphere(100, 0.5, [0.5; 3]).transformed(transform),
+        ];
+        for settings in [unshaded(), RenderSettings { low_pass: 0.0, ..RenderSettings::default() }] {
+            let frame = draw(clouds.clone(), &view, &settings);
+            assert!(frame.color[0].iter().all(|c| c.is_finite()), "{transform}: {:?}", frame.color[0]);
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_drawn_is_refused() {
+    let view = camera(5.0, 1);
+    let refused = |scene: &Scene, settings: &RenderSettings| render(scene, &view, settings, &()).unwrap_err();
+    let (empty, fine) = (Scene::default(), RenderSettings::default());
+    for settings in [
+        RenderSettings { low_pass: -1.0, ..fine },
+        RenderSettings { low_pass: f64::NAN, ..fine },
+        RenderSettings { tolerance: 2.0, ..fine },
+        RenderSettings { cutoff: 0.0, ..fine },
+        RenderSettings { background: [0.0, 0.0, 0.0, 2.0], ..fine },
+    ] {
+        assert!(matches!(refused(&empty, &settings), SceneError::Setting { .. }));
+    }
+    let dark = Light::Directional { towards: DVec3::ZERO, color: [1.0; 3] };
+    let scene = Scene { clouds: Vec::new(), lights: vec![dark] };
+    assert!(matches!(refused(&scene, &fine), SceneError::Light { index: 0, .. }));
+    let lost = sphere(10, 1.0, [1.0; 3]).transformed(DAffine3::from_scale(DVec3::splat(f64::NAN)));
+    let scene = Scene { clouds: vec![lost], lights: Vec::new() };
+    assert!(matches!(refused(&scene, &fine), SceneError::Transform { cloud: 0 }));
+    assert!(camera(5.0, 1).with_near(-1.0).is_err() && camera(5.0, 1).with_near(f64::NAN).is_err());
 }
 
 #[test]

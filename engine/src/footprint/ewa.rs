@@ -119,8 +119,9 @@ pub struct Hit {
     pub scale: f64,
 }
 
-/// A centre this close to the camera plane, relative to its distance, is moved away from it: its projection
-/// would be at infinity. The move is at most 3.5 σ · 3e-4, an error of 6e-4 of the kernel's peak.
+/// A centre closer to the camera plane than this, in standard deviations along z, is moved away from it: its
+/// projection would be at infinity. A kernel changes by at most 0.61 of that share of its peak for such a move,
+/// and single precision loses as much nearer by.
 const CAMERA_PLANE_GAP: f64 = 3e-4;
 
 impl Footprint {
@@ -130,7 +131,7 @@ impl Footprint {
         let scale = DVec3::new(lens.focal.x, lens.focal.y, 1.0);
         let mut d = splat.center * scale;
         let perspective = lens.projection == Projection::Perspective;
-        let gap = CAMERA_PLANE_GAP * splat.center.length();
+        let gap = CAMERA_PLANE_GAP * splat.factor.row(2).length();
         if perspective && d.z.abs() < gap {
             d.z = gap.copysign(d.z);
         }
@@ -229,7 +230,7 @@ impl Footprint {
         self.inverse_depth != 0.0 && self.depth.powi(2) <= cutoff * self.extent.zz
     }
 
-    /// Farthest and nearest z of the ellipsoid r ≤ `cutoff`.
+    /// Nearest and farthest z of the ellipsoid r ≤ `cutoff`.
     pub fn depth_range(&self, cutoff: f64) -> [f64; 2] {
         let reach = (cutoff * self.extent.zz).sqrt();
         [self.depth - reach, self.depth + reach]

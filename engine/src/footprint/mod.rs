@@ -18,7 +18,12 @@ use rayon::prelude::*;
 
 /// Mass outside r ≤ ρ is e^{−ρ/2} of the whole; what is kept is raised to carry it.
 pub(crate) fn cutoff_gain(cutoff: f64) -> f64 {
-    1.0 / (1.0 - (-0.5 * cutoff).exp())
+    -1.0 / (-0.5 * cutoff).exp_m1()
+}
+
+/// Rounds an amplitude. What is beyond ±1e20 is opaque whatever its value; sums of it stay finite.
+fn single(x: f64) -> f32 {
+    x.clamp(-1e20, 1e20) as f32
 }
 
 /// What the layers need of a surface record besides its geometry.
@@ -35,8 +40,8 @@ pub(crate) struct SurfaceSample {
 pub(crate) struct Records {
     pub(crate) records: Vec<Record>,
     pub(crate) rects: Vec<Rect>,
-    /// Sorting keys: what [`crate::order`] compares, as bits of a non-negative f32.
-    pub(crate) depth_keys: Vec<u32>,
+    /// What [`crate::order`] sorts by: distances from the eye, or z where rays are parallel, as bits.
+    pub(crate) distance_keys: Vec<u32>,
     /// Parallel to `records`; meaningful for surface records.
     pub(crate) surface_samples: Vec<SurfaceSample>,
 }
@@ -45,7 +50,7 @@ impl Records {
     fn append(&mut self, mut other: Self) {
         self.records.append(&mut other.records);
         self.rects.append(&mut other.rects);
-        self.depth_keys.append(&mut other.depth_keys);
+        self.distance_keys.append(&mut other.distance_keys);
         self.surface_samples.append(&mut other.surface_samples);
     }
 }
@@ -118,7 +123,7 @@ impl<'a> Projector<'a> {
             if let Some((record, rect, key, sample)) = self.project_splat(index, range.first_id) {
                 out.records.push(record);
                 out.rects.push(rect);
-                out.depth_keys.push(key);
+                out.distance_keys.push(key);
                 out.surface_samples.push(sample);
             }
         }
@@ -179,7 +184,7 @@ impl<'a> Projector<'a> {
         };
         let shaded = |normal: DVec3| {
             if settings.shade {
-                self.shader.shade(color, normal.as_vec3(), splat.center.as_vec3())
+                self.shader.shade_two_sided(color, normal.as_vec3(), splat.center.as_vec3())
             } else {
                 color
             }
@@ -192,7 +197,7 @@ impl<'a> Projector<'a> {
                 let mass = f64::from(masses[index]) * self.determinant * gain;
                 let length = if exact { 1.0 } else { ray.length() };
                 record.kind = Kind::Extinction;
-                record.amplitude = (mass * footprint.unit_integral * length) as f32;
+                record.amplitude = single(mass * footprint.unit_integral * length);
                 record.color = shaded(normal);
             }
             Strength::Opacity { peaks } => {
@@ -208,10 +213,15 @@ impl<'a> Projector<'a> {
                 let coverage = area * footprint.unit_integral / f64::from(surface.coverage_floor);
                 let slope = geometric_normal.truncate() / lens.focal * coverage;
                 record.kind = Kind::Surface;
-                record.amplitude = (coverage * geometric_normal.dot(ray)) as f32;
-                record.amplitude_slope = [slope.x as f32, slope.y as f32];
+                record.amplitude = single(coverage * geometric_normal.dot(ray));
+                record.amplitude_slope = [single(slope.x), single(slope.y)];
                 record.color = color;
-                let normal = if normal == DVec3::ZERO { geometric_normal } else { normal };
+                // The side that is seen is the shape's; a shading normal agrees with it.
+                let normal = match normal.dot(geometric_normal) {
+                    _ if normal == DVec3::ZERO => geometric_normal,
+                    cosine if cosine < 0.0 => -normal,
+                    _ => normal,
+                };
                 sample = SurfaceSample {
                     normal: normal.as_vec3().to_array(),
                     opacity: surface.opacities.as_ref().map_or(1.0, |opacities| opacities[index]),
@@ -221,9 +231,15 @@ impl<'a> Projector<'a> {
         if record.amplitude == 0.0 && record.amplitude_slope == [0.0; 2] {
             return None;
         }
-        let distance = if perspective { splat.center.length() } else { splat.center.z - camera.near() };
-        Some((record, rect, (distance.max(0.0) as f32).to_bits(), sample))
+        let distance = if perspective { splat.center.length() } else { splat.center.z };
+        Some((record, rect, sortable(distance as f32), sample))
     }
+}
+
+/// Bits that sort as the number does.
+fn sortable(x: f32) -> u32 {
+    let bits = x.to_bits();
+    if x.is_sign_negative() { !bits } else { bits | 1 << 31 }
 }
 
 /// e₁ × e₂ of a factor, the direction that it is flattened along.

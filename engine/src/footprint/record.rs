@@ -79,8 +79,7 @@ impl Rect {
                 return None;
             }
             min[axis] = from as u16;
-            // A side of 65,536 pixels loses its last row or column here rather than wrapping to 0.
-            max[axis] = to.min(65_535.0) as u16;
+            max[axis] = to as u16;
         }
         Some(Self { min, max })
     }

@@ -93,7 +93,7 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
             id: first.id,
             alpha,
             color: mean(|s| s.color),
-            normal: side(shows_back),
+            normal: if shows_back { -side(true) } else { side(false) },
             material: first.material,
         })
     })

@@ -38,12 +38,12 @@ use crate::camera::Camera;
 use crate::color::srgb_to_linear;
 use crate::frame::Frame;
 use crate::scene::{Blend, RenderSettings, Scene};
+use crate::validate::{SceneError, check};
 use glam::{DMat3, DVec2, DVec3};
 use integral::NormalDistribution;
 use rayon::prelude::*;
 use splats::{Ball, Setup};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use thiserror::Error;
 use trace::{FirstSurface, Path, Tracer};
 use view::{Block, pixel_rotation, pixel_samples};
 
@@ -58,36 +58,6 @@ pub enum ReferenceKind {
         /// Rays a pixel, from 1 to 65,536; below 16 the spread is rough.
         samples: u32,
     },
-}
-
-/// Why there is no picture.
-#[derive(Clone, Debug, Error, PartialEq)]
-pub enum ReferenceError {
-    /// A number is outside its range.
-    #[error("{what} is {value}; {expected}")]
-    Value {
-        /// Which number.
-        what: &'static str,
-        /// What it is.
-        value: f64,
-        /// What would be right.
-        expected: &'static str,
-    },
-    /// A cloud's transform is not finite.
-    #[error("the transform of cloud {cloud} is not finite")]
-    Transform {
-        /// The cloud.
-        cloud: usize,
-    },
-    /// A light is nowhere or without a direction.
-    #[error("light {index}: its numbers must be finite and its direction longer than 0")]
-    Light {
-        /// The light.
-        index: usize,
-    },
-    /// More splats than ids.
-    #[error("{0} splats; at most 4294967294 can be named")]
-    Count(usize),
 }
 
 /// Pixels along a side of the blocks that share a list of splats.
@@ -107,21 +77,26 @@ struct Pixel {
 /// number of rows that are finished, in no strict order, `height` exactly once.
 ///
 /// # Errors
-/// When the low-pass, the cut-off, the number of samples, the near plane, the background, a transform or
-/// a light is outside its range.
+/// When a setting, the number of samples, a transform or a light is outside its range, or there are more clouds
+/// or splats than ids can name.
 pub fn reference(
     scene: &Scene,
     camera: &Camera,
     settings: &RenderSettings,
     kind: ReferenceKind,
     progress: &(dyn Fn(usize) + Sync),
-) -> Result<Frame, ReferenceError> {
-    check(camera, settings, kind)?;
+) -> Result<Frame, SceneError> {
+    settings.validate()?;
+    scene.validate()?;
+    if let ReferenceKind::R2 { samples } = kind {
+        let range = (1..=65_536).contains(&samples);
+        check("number of samples", f64::from(samples), range, "it must be from 1 to 65536 a pixel")?;
+    }
     let (low_pass, samples) = match kind {
         ReferenceKind::R1 => (settings.low_pass, None),
         ReferenceKind::R2 { samples } => (0.0, Some(pixel_samples(samples, settings.low_pass))),
     };
-    let setup = Setup::new(scene, camera, settings, low_pass)?;
+    let setup = Setup::new(scene, camera, settings, low_pass);
     let picture = Picture { balls: setup.balls(), normal: NormalDistribution::new(), setup: &setup, samples };
     let [width, height] = camera.size().map(|side| side as usize);
     let finished = AtomicUsize::new(0);
@@ -137,29 +112,6 @@ pub fn reference(
         .collect();
     let camera_to_world = camera.pose().world_to_camera.matrix3.inverse();
     Ok(assemble([width, height], strips, camera_to_world))
-}
-
-fn check(camera: &Camera, settings: &RenderSettings, kind: ReferenceKind) -> Result<(), ReferenceError> {
-    let value = |what, value: f64, ok: bool, expected| {
-        if ok { Ok(()) } else { Err(ReferenceError::Value { what, value, expected }) }
-    };
-    let (low_pass, cutoff, near) = (settings.low_pass, settings.cutoff, camera.near());
-    value(
-        "low-pass variance",
-        low_pass,
-        low_pass >= 0.0 && low_pass.is_finite(),
-        "it must be finite and at least 0 px²",
-    )?;
-    value("cut-off", cutoff, cutoff > 0.0 && cutoff.is_finite(), "it must be finite and above 0")?;
-    value("near plane", near, near.is_finite(), "it must be finite")?;
-    for channel in settings.background.map(f64::from) {
-        value("background", channel, channel.is_finite(), "it must be finite")?;
-    }
-    if let ReferenceKind::R2 { samples } = kind {
-        let range = (1..=65_536).contains(&samples);
-        value("number of samples", f64::from(samples), range, "it must be from 1 to 65536 a pixel")?;
-    }
-    Ok(())
 }
 
 struct Picture<'s, 'a> {

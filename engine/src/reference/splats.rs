@@ -1,6 +1,5 @@
 //! The scene's splats in camera space, in f64.
 
-use super::ReferenceError;
 use super::gaussian::Gaussian;
 use super::integral::{Fragment, REACH};
 use super::layers::Sample;
@@ -93,16 +92,13 @@ impl<'a> Setup<'a> {
         camera: &crate::camera::Camera,
         settings: &'a RenderSettings,
         low_pass: f64,
-    ) -> Result<Self, ReferenceError> {
+    ) -> Self {
         let world_to_camera = camera.pose().world_to_camera;
         let mut clouds = Vec::with_capacity(scene.clouds.len());
         let mut count = 0usize;
-        for (index, cloud) in scene.clouds.iter().enumerate() {
+        for cloud in &scene.clouds {
             let to_camera = world_to_camera * cloud.cloud_to_world();
             let linear = to_camera.matrix3;
-            if !to_camera.is_finite() {
-                return Err(ReferenceError::Transform { cloud: index });
-            }
             let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis];
             let handedness = linear.determinant().signum();
             clouds.push(Placed {
@@ -114,19 +110,16 @@ impl<'a> Setup<'a> {
                 volume_scale: linear.determinant().abs(),
             });
             count += cloud.len();
-            if count >= u32::MAX as usize {
-                return Err(ReferenceError::Count(count));
-            }
         }
         let opacity = |c: &Cloud| matches!(c.splats().strength, Strength::Opacity { .. });
-        Ok(Self {
+        Self {
             view: View::new(camera),
-            lighting: Lighting::new(scene, world_to_camera)?,
+            lighting: Lighting::new(scene, world_to_camera),
             settings,
             low_pass,
             by_centers: scene.clouds.iter().filter(|c| !c.is_empty()).all(opacity),
             clouds,
-        })
+        }
     }
 
     /// Colours in the space of blending.
@@ -201,7 +194,12 @@ impl<'a> Setup<'a> {
             Strength::Surface(surface) => {
                 let area = f64::from(surface.areas[index]) * placed.area_scale(index);
                 let geometric_normal = placed.geometric_normal(&columns);
-                let own = if normal == DVec3::ZERO { geometric_normal } else { normal };
+                // A shading normal is on the side of the shape's.
+                let own = match normal.dot(geometric_normal) {
+                    _ if normal == DVec3::ZERO => geometric_normal,
+                    cosine if cosine < 0.0 => -normal,
+                    _ => normal,
+                };
                 let prototype = Sample {
                     z: center.z,
                     plane_z: center.z,
@@ -240,7 +238,10 @@ impl<'a> Setup<'a> {
             }
         };
         let color = if self.settings.shade {
-            let spot = Spot { point: center, normal, seen_along: self.view.direction(center) };
+            // A kernel has no sides: its normal is turned to the viewer.
+            let seen_along = self.view.direction(center);
+            let normal = if normal.dot(seen_along) > 0.0 { -normal } else { normal };
+            let spot = Spot { point: center, normal, seen_along };
             self.lighting.shade(color, &splats.material, &spot)
         } else {
             color

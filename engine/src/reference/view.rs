@@ -51,8 +51,7 @@ impl View {
     pub(super) fn new(camera: &Camera) -> Self {
         let intrinsics = camera.intrinsics();
         let parallel = camera.projection() == Projection::Orthographic;
-        let near = if parallel { camera.near() } else { camera.near().max(0.0) };
-        Self { focal: intrinsics.focal, center: intrinsics.center, parallel, near }
+        Self { focal: intrinsics.focal, center: intrinsics.center, parallel, near: camera.near() }
     }
 
     /// The ray through a point of the picture.

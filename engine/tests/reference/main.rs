@@ -3,9 +3,10 @@
 #![allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
 
 use glam::{DAffine3, DMat3, DVec2, DVec3, Mat3, Vec3};
+use oblate_engine::SceneError;
 use oblate_engine::cloud::oblate_factor;
 use oblate_engine::color::{linear_to_srgb, srgb_to_linear};
-use oblate_engine::reference::{ReferenceError, ReferenceKind, reference};
+use oblate_engine::reference::{ReferenceKind, reference};
 use oblate_engine::{
     Blend, Camera, Cloud, Frame, Intrinsics, Light, Material, Pose, Projection, RenderSettings, Scene,
     Shapes, Splats, Strength, Surface,

@@ -130,15 +130,15 @@ fn wrong_numbers_are_refused() {
         RenderSettings { cutoff: 0.0, ..fine },
         RenderSettings { background: [0.0, f32::NAN, 0.0, 0.0], ..fine },
     ] {
-        assert!(matches!(refused(settings, ReferenceKind::R1, vec![]), ReferenceError::Value { .. }));
+        assert!(matches!(refused(settings, ReferenceKind::R1, vec![]), SceneError::Setting { .. }));
     }
     let none = ReferenceKind::R2 { samples: 0 };
-    assert!(matches!(refused(fine, none, vec![]), ReferenceError::Value { .. }));
+    assert!(matches!(refused(fine, none, vec![]), SceneError::Setting { .. }));
     let dark = vec![Light::Directional { towards: DVec3::ZERO, color: WHITE }];
-    assert_eq!(refused(fine, ReferenceKind::R1, dark), ReferenceError::Light { index: 0 });
+    assert!(matches!(refused(fine, ReferenceKind::R1, dark), SceneError::Light { index: 0, .. }));
     let lost =
         kernels(&[Vec3::Z], 1.0, 1.0, &[RED]).transformed(DAffine3::from_scale(DVec3::splat(f64::INFINITY)));
     let scene = Scene { clouds: vec![lost], lights: Vec::new() };
     let found = reference(&scene, &perspective(1.0, 1), &fine, ReferenceKind::R1, &|_| {});
-    assert_eq!(found, Err(ReferenceError::Transform { cloud: 0 }));
+    assert_eq!(found, Err(SceneError::Transform { cloud: 0 }));
 }

@@ -108,7 +108,8 @@ fn mixture_is_the_integral_summed_in_the_world() {
         let focal = DVec2::new(9.0, 12.0) / if projection == Projection::Perspective { 1.0 } else { 7.0 };
         let intrinsics = Intrinsics { focal, center: DVec2::new(3.0, 2.8) };
         let near = 6.7;
-        let camera = Camera::from_intrinsics(pose, intrinsics, projection, size).unwrap().with_near(near);
+        let camera =
+            Camera::from_intrinsics(pose, intrinsics, projection, size).unwrap().with_near(near).unwrap();
         let low_pass = 0.3;
         let frame = draw(vec![fog.clone().transformed(placed)], &camera, &unlit(low_pass));
 
@@ -205,7 +206,7 @@ fn opacity_kernels_beside_others_are_spread_along_the_ray() {
 #[test]
 fn near_plane_cuts_kernels_and_drops_surfels() {
     let at = [Vec3::Z * 5.0];
-    let camera = orthographic(4.0, 1).with_near(5.0);
+    let camera = orthographic(4.0, 1).with_near(5.0).unwrap();
     let frame = draw(vec![kernels(&at, 0.5, 1.0, &[RED])], &camera, &unlit(0.0));
     close(f64::from(frame.color[0][3]), 1.0 - (-0.5f64 / (TAU * 0.25)).exp(), 1e-7);
     let frame = draw(vec![opacity_kernels(&at, 0.5, 0.75, &[RED])], &camera, &unlit(0.0));

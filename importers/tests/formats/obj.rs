@@ -1,7 +1,7 @@
 use crate::common::{Folder, TEXELS, mesh, png, refused, tiny_png};
 use glam::{Vec2, Vec3, Vec4};
 use oblate_importers::OpenOptions;
-use oblate_surfels::Wrap;
+use oblate_surfels::{BaseColor, Wrap};
 
 #[test]
 fn faces_of_all_kinds() {
@@ -104,7 +104,7 @@ fn what_is_named_must_be_there() {
     folder.write("a skin.png", png());
     // Without a library there is the default material.
     let bare = TWO.replace("mtllib my colours.mtl\n", "");
-    assert_eq!(folder.primitive("a.obj", &bare).material, Default::default());
+    assert_eq!(folder.primitive("a.obj", &bare).material, BaseColor::UNSPECIFIED);
     // And the texture that the caller gives.
     let texture = Some(folder.write("given.png", png()));
     let options = OpenOptions { texture, ..OpenOptions::default() };
