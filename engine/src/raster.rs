@@ -2,7 +2,7 @@
 
 use crate::bin::TILE;
 use crate::exponential::exp;
-use crate::footprint::{Form, Kind, Lens, Record, RecordHit, Records, Rect};
+use crate::footprint::{Form, Kind, Lens, RecordHit, Records, Rect};
 use glam::DVec2;
 
 /// The pixels of a tile that lie in the picture.
@@ -148,21 +148,23 @@ impl Rasterizer<'_> {
     /// Adds the fragments of a volume record.
     pub(crate) fn fragments(&self, index: u32, tile: Tile, out: &mut Fragments) {
         let record = &self.records.records[index as usize];
-        self.for_each_hit(index, tile, |pixel, offset, hit| {
+        self.for_each_hit(index, tile, |pixel, _, hit| {
             let amplitude = record.amplitude * exp(-0.5 * hit.r);
             let optical_depth = match (record.kind, record.form) {
                 (Kind::Opacity, _) => -(-amplitude.min(LARGEST_ALPHA)).ln_1p(),
                 (_, Form::Affine) => amplitude,
-                (_, Form::Exact) => amplitude * hit.scale * self.ray_length(record, offset),
+                (_, Form::Exact) => amplitude * hit.scale * self.ray_length(tile, pixel),
             };
             out.fragments.push(Fragment { depth: hit.z, sigma_z: hit.sigma_z, optical_depth, pixel });
         });
         out.splats.push((index, out.fragments.len()));
     }
 
-    fn ray_length(&self, record: &Record, [x, y]: [f32; 2]) -> f32 {
-        let pixel = DVec2::new(f64::from(record.mean[0] + x), f64::from(record.mean[1] + y));
-        self.lens.ray(pixel).length() as f32
+    /// |v| of the ray through a pixel.
+    fn ray_length(&self, tile: Tile, pixel: u16) -> f32 {
+        let (x, y) = (usize::from(pixel) % TILE, usize::from(pixel) / TILE);
+        let place = DVec2::new((tile.origin[0] + x) as f64, (tile.origin[1] + y) as f64) + 0.5;
+        self.lens.ray(place).length() as f32
     }
 }
 
