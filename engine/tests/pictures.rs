@@ -184,17 +184,29 @@ fn directions() -> Vec<DVec3> {
 
 #[test]
 fn an_edge_before_a_body_shows_no_fringe() {
-    // A bright half-plane before a bright wall: however much of a pixel the edge covers, it is white.
+    // A half-plane before a wall, both white, then both lit from the front, where they return 0.7: however much of
+    // a pixel the edge covers, there is nothing darker between them.
     let front = plane(60, 0.1, [1.0; 3]).transformed(tilted(0.0, DVec3::new(3.0, 0.0, -2.0)));
     let wall = plane(200, 0.1, [1.0; 3]).transformed(tilted(0.0, DVec3::new(0.0, 0.0, 2.0)));
-    let frame = draw(vec![front, wall], &camera(12.0, 64), &unshaded());
-    for i in middle(&frame) {
-        assert!(frame.color[i].iter().all(|c| (c - 1.0).abs() < 1e-3), "{:?} at {i}", frame.color[i]);
-    }
-    // And the depth jumps between the two without a value between them.
-    for i in middle(&frame) {
-        let depth = frame.depth[i];
-        assert!((depth - 10.0).abs() < 0.05 || (depth - 14.0).abs() < 0.05, "depth {depth} at {i}");
+    let lit = |cloud: &Cloud| lambert(cloud).transformed(cloud.cloud_to_world());
+    let cases = [
+        (vec![front.clone(), wall.clone()], unshaded(), 1.0),
+        (vec![lit(&front), lit(&wall)], RenderSettings::default(), 0.7),
+    ];
+    for (clouds, settings, expected) in cases {
+        let frame = draw(clouds, &camera(12.0, 64), &settings);
+        for i in middle(&frame) {
+            let [red, green, blue, alpha] = frame.color[i];
+            assert!(
+                [red, green, blue].iter().all(|c| (c - expected).abs() < 1e-3),
+                "{:?} at {i}",
+                frame.color[i]
+            );
+            assert!(alpha > 0.999, "alpha {alpha} at {i}");
+            // And the depth jumps between the two without a value between them.
+            let depth = frame.depth[i];
+            assert!((depth - 10.0).abs() < 0.05 || (depth - 14.0).abs() < 0.05, "depth {depth} at {i}");
+        }
     }
 }
 
