@@ -192,7 +192,7 @@ impl Footprint {
         })
     }
 
-    /// q(u) = uᵀQu: [Z01]'s squared radius, and r(u) of the affine form.
+    /// q(u) = uᵀQu: the squared radius of EWA splatting, and r(u) of the affine form.
     pub fn q(&self, u: DVec2) -> f64 {
         let [a, b, c] = self.conic_root;
         (a * u.x + b * u.y).powi(2) + (c * u.y).powi(2)
