@@ -2,7 +2,7 @@
 
 use crate::description::CameraOptions;
 use crate::notation::comma_list;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use glam::{DMat3, DVec2, DVec3};
 use oblate::engine::{Camera, Pose};
 
@@ -30,7 +30,7 @@ enum Lens {
 }
 
 impl View {
-    /// Completes the options so that `points` (world space) fill a picture of `size`. `up` counts where
+    /// Completes the options, which were checked, so that `points` (world space) fill a picture of `size`. `up` counts where
     /// the options say none.
     pub(crate) fn complete(
         options: &CameraOptions,
@@ -39,7 +39,6 @@ impl View {
         size: [u32; 2],
     ) -> Result<Self> {
         let fov = options.fov.unwrap_or(FOV);
-        ensure!(fov > 0.0 && fov < 180.0, "--fov is {fov}; it must be between 0 and 180 degrees");
         let [eye, target, up_given] = [options.eye, options.target, options.up].map(|v| v.map(DVec3::from));
         let middle = middle(points);
 
