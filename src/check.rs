@@ -49,7 +49,7 @@ fn above_zero(key: &'static str, value: Option<f64>) -> Result<(), Wrong> {
 
 /// A place or direction.
 pub(crate) fn coordinates(key: &'static str, values: Option<[f64; 3]>) -> Result<(), Wrong> {
-    let bad = values.into_iter().flatten().find(|v| !(v.abs() <= FARTHEST));
+    let bad = values.into_iter().flatten().find(|v| !(-FARTHEST..=FARTHEST).contains(v));
     bad.map_or(Ok(()), |v| ensure(key, v, false, format!("finite and within ±{FARTHEST:e}")))
 }
 
