@@ -11,8 +11,10 @@ use oblate::engine::{Camera, Cloud, Light, Scene};
 use oblate::surfels::{Density, Mesh, SamplerSettings, sample, view_spacing};
 use oblate::volumes::{IsoSettings, KernelSettings, Volume, iso_surfels, to_kernels};
 
-/// Surfels of all meshes together, where their number follows the view.
-const MOST_SURFELS: usize = 4_000_000;
+/// Surfels of all meshes together, where their number follows the view: in all and for each pixel of the
+/// picture. The nearest place sets the density of the whole, and beyond some surfels a pixel nobody sees more.
+const MOST_SURFELS: f64 = 4e6;
+const MOST_SURFELS_A_PIXEL: f64 = 16.0;
 
 /// Surfels of a mesh that may be asked for: about 8 GiB.
 const MOST_ASKED: usize = 100_000_000;
@@ -65,12 +67,13 @@ pub(crate) fn assemble(
     let view = View::complete(camera, &points, up, size)?;
     let camera = view.camera(size)?;
 
+    let most = MOST_SURFELS.min(MOST_SURFELS_A_PIXEL * f64::from(size[0]) * f64::from(size[1]));
     let whole: f64 = items.iter().filter_map(Item::mesh).map(Mesh::area).sum();
     for item in items {
         if let Some(mesh) = item.mesh() {
             let _task = console.task(format!("surfels of {}", item.name));
             // The meshes share the limit by their areas.
-            let share = (MOST_SURFELS as f64 * mesh.area() / whole) as usize;
+            let share = (most * mesh.area() / whole) as usize;
             clouds.push(surfels(mesh, &item.look, &camera, share).with_context(|| item.name.clone())?);
         }
     }

@@ -1,7 +1,8 @@
 //! Files to meshes and volumes that stand in the world.
 
+use crate::check::{Uses, Wrong};
 use crate::description::{ByteOrder, FileOptions, Kind, Look, SampleKind, Source};
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, anyhow, bail, ensure};
 use glam::{DAffine3, DMat3, DVec3};
 use oblate::importers::{Endian, OpenOptions, Opened, RawLayout, SampleType};
 use oblate::surfels::Mesh;
@@ -24,39 +25,58 @@ pub(crate) enum Body {
     Volume(Volume),
 }
 
-/// Reads a file and puts it in its place.
-pub(crate) fn load(source: Source) -> Result<Item> {
+/// Reads a file and puts it in its place. `given` are options for all files, which stand over the source's.
+pub(crate) fn load(source: Source, given: &FileOptions) -> Result<(Item, Uses)> {
     let name = source.path.display().to_string();
-    let body = match (open(&source.path, &source.file)?, source.kind) {
+    let (opened, uses) = open(&source.path, &given.clone().over(source.file.clone()))?;
+    let body = match (opened, source.kind) {
         (Opened::Mesh(_), Some(Kind::Volume)) => bail!("{name}: it is a mesh; list it under [[mesh]]"),
         (Opened::Volume(_), Some(Kind::Mesh)) => bail!("{name}: it is a volume; list it under [[volume]]"),
         (Opened::Mesh(mesh), _) => Body::Mesh(placed_mesh(mesh, source.placement)),
         (Opened::Volume(volume), _) => Body::Volume(placed_volume(volume, source.placement)?),
     };
-    Ok(Item { name, body, look: source.look })
+    // What a scene file says of one file must be of use for that file.
+    let said = source.file.check_use(uses);
+    said.map_err(|Wrong { key, problem }| anyhow!("{name}: {key} {problem}"))?;
+    Ok((Item { name, body, look: source.look }, uses))
 }
 
-/// Reads a file.
-pub(crate) fn open(path: &Path, options: &FileOptions) -> Result<Opened> {
+/// Reads a file and says which options it had a use for.
+pub(crate) fn open(path: &Path, options: &FileOptions) -> Result<(Opened, Uses)> {
     // OBJ is known by its name alone, so `--dims` for a volume beside it must not make it raw.
-    let by_name = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("obj"));
-    let raw = match options.dims {
-        Some(dims) if !by_name => Some(RawLayout {
-            dims,
-            sample_type: options.sample_type.unwrap_or_default().into(),
-            endian: options.endian.unwrap_or_default().into(),
-        }),
-        _ => None,
+    let named = |extensions: &[&str]| {
+        path.extension().is_some_and(|e| extensions.iter().any(|name| e.eq_ignore_ascii_case(name)))
     };
-    let lonely = raw.is_none() && !by_name && options.dims.is_none();
+    let by_name = named(&["obj"]);
+    let has_header = by_name || named(&["gltf", "glb", "ply", "nrrd", "nhdr", "vti"]);
+    let layout = |dims| RawLayout {
+        dims,
+        sample_type: options.sample_type.unwrap_or_default().into(),
+        endian: options.endian.unwrap_or_default().into(),
+    };
+    let raw = options.dims.filter(|_| !by_name).map(layout);
     ensure!(
-        !(lonely && (options.sample_type.is_some() || options.endian.is_some())),
+        has_header || options.dims.is_some() || (options.sample_type.is_none() && options.endian.is_none()),
         "{}: --type and --endian describe raw volumes; give --dims with them",
         path.display()
     );
-    let options =
-        OpenOptions { raw, spacing: options.spacing.map(DVec3::from), texture: options.texture.clone() };
-    Ok(oblate::importers::open(path, &options)?)
+    let plain = OpenOptions { raw, spacing: options.spacing.map(DVec3::from), texture: None };
+    let opened =
+        oblate::importers::open(path, &OpenOptions { texture: options.texture.clone(), ..plain.clone() })?;
+    let uses = match &opened {
+        // A texture that changes nothing was not used.
+        Opened::Mesh(_) => Uses {
+            mesh: true,
+            texture: options.texture.is_some() && oblate::importers::open(path, &plain)? != opened,
+            ..Uses::default()
+        },
+        Opened::Volume(volume) => Uses {
+            volume: true,
+            raw: !has_header && raw.is_none_or(|raw| raw.dims == volume.dims()),
+            ..Uses::default()
+        },
+    };
+    Ok((opened, uses))
 }
 
 impl From<SampleKind> for SampleType {

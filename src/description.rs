@@ -136,7 +136,10 @@ impl PictureOptions {
             low_pass: self.low_pass.or(under.low_pass),
             blend: self.blend.or(under.blend),
             reference: self.reference.or(under.reference),
-            samples: self.samples.or(under.samples),
+            // Samples are for one reference: another choice of it leaves them behind.
+            samples: self
+                .samples
+                .or(under.samples.filter(|_| self.reference.is_none_or(|choice| choice == Reference::R2))),
         }
     }
 }
@@ -262,7 +265,8 @@ pub(crate) struct Look {
     /// Linear colour of iso-surfaces; the command line has no say in it.
     #[arg(skip)]
     pub(crate) iso_color: Option<Rgba>,
-    /// Meshes: number of surfels on each mesh [default: one a pixel of the view, at most 4 million]
+    /// Meshes: number of surfels on each mesh [default: one a pixel of the view where it is nearest, for all
+    /// meshes together at most 16 for each pixel of the picture and at most 4 million]
     #[arg(long, value_name = "N", conflicts_with = "surfel_spacing")]
     pub(crate) surfels: Option<usize>,
     /// Meshes: distance between surfels in world units, instead of their number

@@ -15,9 +15,6 @@ const SIDE: u32 = 1024;
 const BACKGROUND: [u8; 4] = [0x20, 0x20, 0x20, 0xff];
 const SAMPLES: u32 = 64;
 
-/// About 16 GiB while a picture is drawn and written.
-const MOST_PIXELS: u64 = 1 << 28;
-
 /// How a frame is drawn, every choice made.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Drawing {
@@ -27,20 +24,15 @@ pub(crate) struct Drawing {
 }
 
 impl Drawing {
-    /// The options with their defaults.
+    /// The options, which were checked, with their defaults.
     pub(crate) fn new(options: &PictureOptions) -> Result<Self> {
         let defaults = RenderSettings::default();
         let low_pass = options.low_pass.unwrap_or(defaults.low_pass);
-        ensure!(low_pass >= 0.0 && low_pass.is_finite(), "--low-pass is {low_pass}; it must be at least 0");
         let choice = options.reference.unwrap_or_default();
         ensure!(options.samples.is_none() || choice == Reference::R2, "--samples is for --reference r2");
         let samples = options.samples.unwrap_or(SAMPLES);
-        let size = options.size.unwrap_or([SIDE; 2]);
-        let [width, height] = size;
-        let pixels = u64::from(width) * u64::from(height);
-        ensure!(pixels <= MOST_PIXELS, "--size {width}x{height}: at most {MOST_PIXELS} pixels are drawn");
         Ok(Self {
-            size,
+            size: options.size.unwrap_or([SIDE; 2]),
             settings: RenderSettings {
                 footprint: options.footprint.map_or(FootprintForm::default(), Into::into),
                 low_pass,

@@ -2,7 +2,7 @@
 
 use crate::description::CameraOptions;
 use crate::notation::comma_list;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use glam::{DMat3, DVec2, DVec3};
 use oblate::engine::{Camera, Pose};
 
@@ -30,7 +30,7 @@ enum Lens {
 }
 
 impl View {
-    /// Completes the options so that `points` (world space) fill a picture of `size`. `up` counts where
+    /// Completes the options, which were checked, so that `points` (world space) fill a picture of `size`. `up` counts where
     /// the options say none.
     pub(crate) fn complete(
         options: &CameraOptions,
@@ -39,7 +39,6 @@ impl View {
         size: [u32; 2],
     ) -> Result<Self> {
         let fov = options.fov.unwrap_or(FOV);
-        ensure!(fov > 0.0 && fov < 180.0, "--fov is {fov}; it must be between 0 and 180 degrees");
         let [eye, target, up_given] = [options.eye, options.target, options.up].map(|v| v.map(DVec3::from));
         let middle = middle(points);
 
@@ -153,12 +152,13 @@ impl Framed<'_> {
 }
 
 /// The direction to an eye that sees front, right side and top of a thing that stands upright: its front
-/// looks to +Z when +Y is up (as in glTF), to −Y when +Z is up.
+/// looks to +Z when +Y is up (as in glTF), to −Y when +Z is up, and there it stays when it stands on its head.
 fn three_quarter(up: DVec3) -> DVec3 {
     let up = up.normalize_or(DVec3::Y);
-    let right = (DVec3::X - up * up.x).try_normalize().filter(|_| up.x.abs() < 0.999).unwrap_or(DVec3::Z);
-    let front = right.cross(up);
-    0.55 * right + 0.45 * up + 0.8 * front
+    let upright = if up.y + up.z < 0.0 { -up } else { up };
+    let across = (DVec3::X - up * up.x).try_normalize().filter(|_| up.x.abs() < 0.999).unwrap_or(DVec3::Z);
+    let front = across.cross(upright);
+    0.55 * up.cross(front) + 0.45 * up + 0.8 * front
 }
 
 /// `up`, or another axis where it would leave the roll open.
@@ -232,6 +232,18 @@ mod tests {
         let (low, high) = extent(&view, &points);
         let reach = low.abs().max(high.abs()).max_element();
         assert!((reach - (1.0 - MARGIN)).abs() < 1e-3, "{reach}");
+    }
+
+    #[test]
+    fn the_front_is_seen_either_way_up() {
+        for (up, front) in [(DVec3::Z, DVec3::NEG_Y), (DVec3::Y, DVec3::Z)] {
+            for up in [up, -up] {
+                let outward = three_quarter(up);
+                assert!((outward.dot(front) - 0.8).abs() < 1e-12 && (outward.dot(up) - 0.45).abs() < 1e-12);
+                // The right side in the picture, whatever it is called in the world.
+                assert!((outward.dot(up.cross(front)) - 0.55).abs() < 1e-12);
+            }
+        }
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 mod assemble;
 mod built_in;
+mod check;
 mod command;
 mod content;
 mod description;

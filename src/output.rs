@@ -3,48 +3,63 @@
 use anyhow::{Context, Result};
 use std::io::{BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
-use tempfile::{Builder, NamedTempFile};
+use tempfile::Builder;
 
-/// A file being written beside its place. [`Output::finish`] moves it there; dropped before, it is gone.
+/// A place for a file, which [`Output::finish`] writes beside it and moves there.
 pub(crate) struct Output {
     path: PathBuf,
-    file: NamedTempFile,
+    /// Where the path leads, whatever the folder is called.
+    place: PathBuf,
 }
 
 impl Output {
-    /// Begins a file. Called before the work whose result it gets, so that a place that can't be written
-    /// to costs nobody that work.
+    /// Finds out whether a file can be written there, and leaves nothing behind. Called before the work whose
+    /// result it gets, so that a place that can't be written to costs nobody that work.
     pub(crate) fn begin(path: &Path) -> Result<Self> {
         let failed = || format!("cannot write {}", path.display());
-        let folder = match path.parent() {
-            Some(folder) if !folder.as_os_str().is_empty() => folder,
-            _ => Path::new("."),
-        };
-        if path.is_dir() {
+        let Some(name) = path.file_name().filter(|_| !path.is_dir()) else {
             anyhow::bail!("{}: it is a folder", failed());
-        }
+        };
+        let folder = folder_of(path);
+        let place = folder.canonicalize().with_context(failed)?.join(name);
+        // This file has no name where the system can do without; else it loses it at once.
+        tempfile::tempfile_in(folder).map_err(without_path).with_context(failed)?;
+        Ok(Self { path: path.to_owned(), place })
+    }
+
+    /// Whether both are one file.
+    pub(crate) fn is_same(&self, other: &Self) -> bool {
+        self.place == other.place
+    }
+
+    /// Writes the contents and moves the file to its place, over what was there.
+    pub(crate) fn finish(self, write: impl FnOnce(&mut dyn WriteSeek) -> Result<()>) -> Result<()> {
+        self.write(write).with_context(|| format!("cannot write {}", self.path.display()))
+    }
+
+    fn write(&self, write: impl FnOnce(&mut dyn WriteSeek) -> Result<()>) -> Result<()> {
         let mut builder = Builder::new();
         builder.prefix(".oblate-").suffix(".part");
         // Without this only the owner could read the picture; the process's mask still applies.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let file = builder.tempfile_in(folder).with_context(failed)?;
-        Ok(Self { path: path.to_owned(), file })
-    }
-
-    /// Writes the contents and moves the file to its place, over what was there.
-    pub(crate) fn finish(self, write: impl FnOnce(&mut dyn WriteSeek) -> Result<()>) -> Result<()> {
-        let failed = || format!("cannot write {}", self.path.display());
-        let mut buffer = BufWriter::new(self.file.as_file());
-        write(&mut buffer).with_context(failed)?;
-        buffer.flush().with_context(failed)?;
+        let file = builder.tempfile_in(folder_of(&self.path)).map_err(without_path)?;
+        let mut buffer = BufWriter::new(file.as_file());
+        write(&mut buffer)?;
+        buffer.flush()?;
         drop(buffer);
-        self.file
-            .persist(&self.path)
-            .map_err(|e| e.error)
-            .with_context(|| format!("cannot write {}", self.path.display()))?;
+        file.persist(&self.path).map_err(|e| e.error)?;
         Ok(())
     }
+}
+
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// The error without the name of a temporary file, which means nothing to the user.
+fn without_path(error: std::io::Error) -> std::io::Error {
+    error.kind().into()
 }
 
 /// What the picture formats ask of a file.

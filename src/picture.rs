@@ -66,11 +66,16 @@ impl Picture {
     pub(crate) fn read(path: &Path) -> Result<Self> {
         let failed = || path.display().to_string();
         let bytes = std::fs::read(path).with_context(failed)?;
-        match bytes.get(..4) {
+        let picture = match bytes.get(..4) {
             Some([0x89, b'P', b'N', b'G']) => png::read(&bytes).with_context(failed),
             Some([0x76, 0x2f, 0x31, 0x01]) => exr::read_picture(&bytes).with_context(failed),
             _ => bail!("{}: neither a PNG nor an EXR picture", path.display()),
+        }?;
+        if let Some(i) = picture.values.iter().position(|v| !v.iter().all(|c| c.is_finite())) {
+            let (x, y) = (i % picture.width, i / picture.width);
+            bail!("{}: the pixel at {x},{y} is not finite and cannot be compared", path.display());
         }
+        Ok(picture)
     }
 }
 

@@ -30,13 +30,14 @@
 //! shade = true
 //! ```
 
+use crate::check::{FARTHEST, Wrong, coordinates};
 use crate::description::{
-    ByteOrder, CameraOptions, Description, FileOptions, Kind, Look, PictureOptions, SampleKind, Source,
-    Transfer,
+    ByteOrder, CameraOptions, Description, FileOptions, Kind, Look, PictureOptions, Reference, SampleKind,
+    Source, Transfer,
 };
 use crate::notation::Rgba;
 use crate::transfer;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result};
 use glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot};
 use oblate::engine::Light;
 use serde::Deserialize;
@@ -51,16 +52,14 @@ const VERSION: i64 = 1;
 #[serde(deny_unknown_fields)]
 struct File {
     version: Spanned<i64>,
-    #[serde(default)]
-    camera: CameraOptions,
+    camera: Option<Spanned<CameraOptions>>,
     #[serde(default)]
     mesh: Vec<Spanned<MeshTable>>,
     #[serde(default)]
     volume: Vec<Spanned<VolumeTable>>,
     #[serde(default)]
     light: Vec<Spanned<LightTable>>,
-    #[serde(default)]
-    render: PictureOptions,
+    render: Option<Spanned<PictureOptions>>,
 }
 
 #[derive(Deserialize)]
@@ -149,20 +148,61 @@ fn parse(text: &str, folder: &Path) -> Result<Description, Problem> {
 
     let mut sources = Vec::new();
     for table in file.volume {
-        sources.push(at_span(table, |t| t.source(folder))?);
+        sources.push(in_table(text, table, |t| t.source(folder))?);
     }
     for table in file.mesh {
-        sources.push(at_span(table, |t| t.source(folder))?);
+        sources.push(in_table(text, table, |t| t.source(folder))?);
     }
-    let lights =
-        file.light.into_iter().map(|table| at_span(table, LightTable::light)).collect::<Result<_, _>>()?;
-    Ok(Description { camera: file.camera, picture: file.render, sources, lights })
+    let camera = file.camera.map(|table| in_table(text, table, |t| t.check().map(|()| t)));
+    let picture = file.render.map(|table| {
+        in_table(text, table, |t| {
+            let samples = t.samples.is_none() || t.reference == Some(Reference::R2);
+            check("samples", samples, || "is for reference = \"r2\"".into())?;
+            t.check().map(|()| t)
+        })
+    });
+    let lights = file.light.into_iter().map(|table| in_table(text, table, LightTable::light));
+    Ok(Description {
+        camera: camera.transpose()?.unwrap_or_default(),
+        picture: picture.transpose()?.unwrap_or_default(),
+        sources,
+        lights: lights.collect::<Result<_, _>>()?,
+    })
 }
 
-/// Converts a table; an error gets its place.
-fn at_span<T, U>(table: Spanned<T>, convert: impl FnOnce(T) -> Result<U>) -> Result<U, Problem> {
+/// Checks or converts a table; what is wrong gets the place of its key.
+fn in_table<T, U>(
+    text: &str,
+    table: Spanned<T>,
+    convert: impl FnOnce(T) -> Result<U, Wrong>,
+) -> Result<U, Problem> {
     let span = table.span();
-    convert(table.into_inner()).map_err(|e| Problem { message: format!("{e:#}"), span: Some(span) })
+    convert(table.into_inner()).map_err(|Wrong { key, problem }| Problem {
+        message: format!("{key} {problem}"),
+        span: Some(key_span(text, span, key)),
+    })
+}
+
+/// Where a line of the table begins with the key; else where the table begins.
+fn key_span(text: &str, table: Range<usize>, key: &str) -> Range<usize> {
+    let mut at = table.start;
+    for (index, line) in text.get(table.start..).unwrap_or_default().split_inclusive('\n').enumerate() {
+        let content = line.trim_start();
+        if index > 0 && content.starts_with('[') {
+            break;
+        }
+        let is_key = |rest: &str| rest.trim_start().starts_with('=');
+        if content.strip_prefix(key).is_some_and(is_key) {
+            let start = at + line.len() - content.len();
+            return start..start + key.len();
+        }
+        at += line.len();
+    }
+    table
+}
+
+fn check(key: &'static str, right: bool, problem: impl FnOnce() -> String) -> Result<(), Wrong> {
+    if right { Ok(()) } else { Err(Wrong { key, problem: problem() }) }
 }
 
 /// `, line 3, column 5 (`iso = []`)`.
@@ -176,7 +216,9 @@ fn place(text: &str, span: Range<usize>) -> String {
 }
 
 impl MeshTable {
-    fn source(self, folder: &Path) -> Result<Source> {
+    fn source(self, folder: &Path) -> Result<Source, Wrong> {
+        let look = Look { surfels: self.surfels, surfel_spacing: self.surfel_spacing, ..Look::default() };
+        look.check()?;
         Ok(Source {
             path: folder.join(self.path),
             kind: Some(Kind::Mesh),
@@ -185,30 +227,34 @@ impl MeshTable {
                 texture: self.texture.map(|path| folder.join(path)),
                 ..FileOptions::default()
             },
-            look: Look { surfels: self.surfels, surfel_spacing: self.surfel_spacing, ..Look::default() },
+            look,
         })
     }
 }
 
 impl VolumeTable {
-    fn source(self, folder: &Path) -> Result<Source> {
+    fn source(self, folder: &Path) -> Result<Source, Wrong> {
         // What is no preset is a file beside this one.
         let transfer = self.transfer.map(|name| {
             let beside = |name| folder.join(name).to_string_lossy().into_owned();
             Transfer::Named(if transfer::is_preset(&name) { name } else { beside(name) })
         });
+        let file = FileOptions {
+            dims: self.dims,
+            sample_type: self.sample_type,
+            endian: self.endian,
+            spacing: self.spacing,
+            texture: None,
+        };
+        file.check()?;
+        let look = Look { iso: self.iso, iso_color: self.iso_color, transfer, ..Look::default() };
+        look.check()?;
         Ok(Source {
             path: folder.join(self.path),
             kind: Some(Kind::Volume),
             placement: placement(self.translate, self.rotate, self.scale)?,
-            file: FileOptions {
-                dims: self.dims,
-                sample_type: self.sample_type,
-                endian: self.endian,
-                spacing: self.spacing,
-                texture: None,
-            },
-            look: Look { iso: self.iso, iso_color: self.iso_color, transfer, ..Look::default() },
+            file,
+            look,
         })
     }
 }
@@ -218,45 +264,47 @@ fn placement(
     translate: Option<[f64; 3]>,
     rotate_degrees: Option<[f64; 3]>,
     scale: Option<Scale>,
-) -> Result<DAffine3> {
+) -> Result<DAffine3, Wrong> {
+    coordinates("translate", translate)?;
+    coordinates("rotate", rotate_degrees)?;
     let scale = match scale.unwrap_or(Scale::Uniform(1.0)) {
         Scale::Uniform(s) => DVec3::splat(s),
         Scale::Axes(axes) => DVec3::from(axes),
     };
-    ensure!(scale.is_finite() && scale.min_element() > 0.0, "scale is {scale}; it must be above 0");
+    let range = 1.0 / FARTHEST..=FARTHEST;
+    check("scale", scale.to_array().iter().all(|s| range.contains(s)), || {
+        format!("is {scale}; it must be above 0, from {:e} to {FARTHEST:e}", 1.0 / FARTHEST)
+    })?;
     let [x, y, z] = rotate_degrees.unwrap_or_default().map(f64::to_radians);
     let rotation = DMat3::from_quat(DQuat::from_euler(EulerRot::ZYX, z, y, x));
-    let placement = DAffine3::from_mat3_translation(
+    Ok(DAffine3::from_mat3_translation(
         rotation * DMat3::from_diagonal(scale),
         DVec3::from(translate.unwrap_or_default()),
-    );
-    ensure!(placement.is_finite(), "translate and rotate must be finite");
-    Ok(placement)
+    ))
 }
 
 impl LightTable {
-    fn light(self) -> Result<Light> {
+    fn light(self) -> Result<Light, Wrong> {
         let intensity = self.intensity.unwrap_or(1.0);
-        ensure!(intensity >= 0.0 && intensity.is_finite(), "intensity is {intensity}; it must be at least 0");
+        check("intensity", (0.0..=1e15).contains(&intensity), || {
+            format!("is {intensity}; it must be at least 0 and at most 1e15")
+        })?;
         let [r, g, b, _] = self.color.map_or([1.0; 4], |c| c.0).map(|c| c * intensity);
         let color = [r, g, b];
-        let finite = |v: [f64; 3]| {
-            let v = DVec3::from(v);
-            ensure!(v.is_finite(), "{v} is not finite");
-            Ok(v)
-        };
-        Ok(match (self.kind, self.towards, self.position) {
-            (LightKind::Ambient, None, None) => Light::Ambient { color },
+        coordinates("towards", self.towards)?;
+        coordinates("position", self.position)?;
+        let kind = |problem: &str| Err(Wrong { key: "kind", problem: problem.into() });
+        match (self.kind, self.towards, self.position) {
+            (LightKind::Ambient, None, None) => Ok(Light::Ambient { color }),
             (LightKind::Directional, Some(towards), None) => {
-                let towards = finite(towards)?;
-                ensure!(towards != DVec3::ZERO, "`towards` must not be zero");
-                Light::Directional { towards, color }
+                check("towards", towards != [0.0; 3], || "must not be zero".into())?;
+                Ok(Light::Directional { towards: towards.into(), color })
             }
-            (LightKind::Point, None, Some(position)) => Light::Point { position: finite(position)?, color },
-            (LightKind::Ambient, ..) => bail!("an ambient light has neither `towards` nor `position`"),
-            (LightKind::Directional, ..) => bail!("a directional light needs `towards`, and only that"),
-            (LightKind::Point, ..) => bail!("a point light needs `position`, and only that"),
-        })
+            (LightKind::Point, None, Some(position)) => Ok(Light::Point { position: position.into(), color }),
+            (LightKind::Ambient, ..) => kind("ambient has neither `towards` nor `position`"),
+            (LightKind::Directional, ..) => kind("directional needs `towards`, and only that"),
+            (LightKind::Point, ..) => kind("point needs `position`, and only that"),
+        }
     }
 }
 
@@ -296,7 +344,7 @@ mod tests {
         assert!(problem("version = 2").contains("version 2 is unknown"));
         assert!(problem("[camera]").contains("version"));
         let light = problem("version = 1\n[[light]]\nkind = 'point'\n");
-        assert!(light.contains("line 2") && light.contains("position"), "{light}");
+        assert!(light.contains("line 3") && light.contains("position"), "{light}");
         assert!(problem("version = 1\n[[mesh]]\npath = 'a'\nscale = -1\n").contains("above 0"));
         assert!(problem("version = 1\n[[mesh]]\npath = 'a'\nscale = 'big'\n").contains("line 4"));
         assert!(problem("version = 1\n[render]\nfootprint = 'fine'\n").contains("line 3"));

@@ -21,7 +21,7 @@ pub(crate) struct CompareArgs {
     /// Another of the same kind and size
     b: PathBuf,
     /// Exits with 1 if the largest error is beyond this, in levels for PNG, linear for EXR
-    #[arg(long, value_name = "E")]
+    #[arg(long, value_name = "E", allow_hyphen_values = true)]
     max: Option<f64>,
     /// Writes the absolute differences as a PNG, scaled so that the largest is white
     #[arg(long, value_name = "FILE")]

@@ -1,6 +1,7 @@
 //! `oblate info`.
 
 use super::print;
+use crate::check::Wrong;
 use crate::content::open;
 use crate::description::FileOptions;
 use crate::notation::comma_list;
@@ -28,8 +29,12 @@ pub(crate) struct InfoArgs {
 }
 
 pub(crate) fn run(args: &InfoArgs) -> Result<()> {
-    let mut text = format!("{}\n", args.file.display());
-    match open(&args.file, &args.options)? {
+    args.options.check().map_err(Wrong::option)?;
+    let name = args.file.display().to_string();
+    let mut text = format!("{name}\n");
+    let (opened, uses) = open(&args.file, &args.options)?;
+    args.options.check_use(uses).map_err(|wrong| wrong.option().context(name))?;
+    match opened {
         Opened::Mesh(mesh) => describe_mesh(&mesh, &mut text)?,
         Opened::Volume(volume) => describe_volume(&volume, &mut text)?,
     }

@@ -2,6 +2,7 @@
 
 use super::print;
 use crate::assemble::{Assembled, assemble};
+use crate::check::{Uses, Wrong};
 use crate::content::{Item, load};
 use crate::description::{CameraOptions, Description, FileOptions, Look, PictureOptions, Source, Transfer};
 use crate::draw::{Drawing, draw_repeatedly};
@@ -76,26 +77,39 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
         ensure!((1..=1024).contains(&threads), "--threads is {threads}; it must be from 1 to 1024");
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("--threads")?;
     }
+    let wrong = [args.picture.check(), args.camera.check(), args.look.check(), args.file.check()];
+    wrong.into_iter().collect::<Result<(), Wrong>>().map_err(Wrong::option)?;
+    let built_in = args.files.is_empty();
+    ensure!(
+        !built_in || args.file == FileOptions::default(),
+        "--dims, --type, --endian, --spacing and --texture are for files; none is given"
+    );
     // Places that can't be written to are found before the work.
     let format = Format::of(&args.output, args.bits)?;
     let output = Output::begin(&args.output)?;
     let stats = args.stats.as_deref().map(StatsPlace::begin).transpose()?;
+    if let Some(StatsPlace::File(stats)) = &stats {
+        ensure!(!stats.is_same(&output), "--output and --stats name one file; give two");
+    }
 
-    let built_in = args.files.is_empty();
     let mut described = if built_in { built_in::description() } else { describe(args.files)? };
     described.picture = args.picture.over(described.picture);
     described.camera = args.camera.over(described.camera);
     let drawing = Drawing::new(&described.picture)?;
-    let (items, load_time) = timed(|| {
-        let items = if built_in {
-            built_in::items(console)?
-        } else {
-            load_all(described.sources, &args.file, console)?
-        };
-        // What is said here counts for each file.
-        let over = |item: Item| Item { look: args.look.clone().over(item.look), ..item };
-        Ok(items.into_iter().map(over).collect::<Vec<_>>())
+    let ((items, uses), load_time) = timed(|| {
+        if built_in {
+            return Ok((built_in::items(console)?, Uses { mesh: true, volume: true, ..Uses::default() }));
+        }
+        load_all(described.sources, &args.file, console)
     })?;
+    let used = args.file.check_use(uses).and_then(|()| args.look.check_use(uses));
+    used.map_err(|wrong| {
+        let names: Vec<&str> = items.iter().map(|item| item.name.as_str()).collect();
+        wrong.option().context(names.join(", "))
+    })?;
+    // What is said here counts for each file.
+    let over = |item: Item| Item { look: args.look.clone().over(item.look), ..item };
+    let items: Vec<Item> = items.into_iter().map(over).collect();
     let size = drawing.size;
     let (Assembled { scene, camera, view }, build_time) =
         timed(|| assemble(&items, &described.camera, size, described.lights, console))?;
@@ -145,12 +159,16 @@ fn describe(files: Vec<PathBuf>) -> Result<Description> {
     }
 }
 
-fn load_all(sources: Vec<Source>, file: &FileOptions, console: Console) -> Result<Vec<Item>> {
-    let load_one = |source: Source| {
+/// Everything to draw, and what options for files were of use for.
+fn load_all(sources: Vec<Source>, file: &FileOptions, console: Console) -> Result<(Vec<Item>, Uses)> {
+    let (mut items, mut uses) = (Vec::new(), Uses::default());
+    for source in sources {
         let _task = console.task(format!("reading {}", source.path.display()));
-        load(Source { file: file.clone().over(source.file), ..source })
-    };
-    sources.into_iter().map(load_one).collect()
+        let (item, of_item) = load(source, file)?;
+        items.push(item);
+        uses = uses | of_item;
+    }
+    Ok((items, uses))
 }
 
 fn timed<T>(work: impl FnOnce() -> Result<T>) -> Result<(T, Duration)> {

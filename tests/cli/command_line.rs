@@ -48,7 +48,7 @@ fn help_lists_every_option_with_its_default() {
         "[default: all cores]",
         "[default: 1]",
         "[default: 8]",
-        "at most 4 million]",
+        "at most 16 for each pixel of the picture and at most 4 million]",
     ] {
         assert!(flat.contains(default), "{default} is missing");
     }
@@ -68,8 +68,20 @@ fn wrong_options_are_refused_in_one_message_and_leave_no_file() {
         (&["--eye", "1,1,1", "--target", "1,1,1"], "must differ"),
         (&["--fov", "0"], "between 0 and 180"),
         (&["--fov", "30", "--orthographic", "3"], "cannot be used with"),
-        (&["--orthographic", "-1"], "above 0"),
-        (&["--low-pass", "-1"], "at least 0"),
+        (&["--orthographic", "-1"], "--orthographic is -1; it must be finite and above 0"),
+        (&["--orthographic", "0"], "--orthographic is 0"),
+        (&["--low-pass", "-1"], "--low-pass is -1; it must be at least 0"),
+        // Before the file is read.
+        (&["--low-pass", "1e7", "missing.glb"], "--low-pass is 10000000"),
+        (&["--reference", "r2", "--samples", "0", "missing.glb"], "--samples is 0"),
+        (&["--iso", "3"], "cube.obj: --iso is for volumes; none is given"),
+        (&["--transfer", "grey"], "--transfer is for volumes"),
+        (&["--dims", "2x2x2"], "--dims is for volumes"),
+        (&["--type", "u8"], "--type is for volumes"),
+        (&["--endian", "big"], "--endian is for volumes"),
+        (&["--spacing", "1,1,2"], "--spacing is for volumes"),
+        (&["--spacing", "1,1,0"], "--spacing is 0"),
+        (&["-o", "same.png", "--stats", "./same.png"], "--output and --stats name one file"),
         (&["--background", "red"], "RRGGBB"),
         (&["--shade", "maybe"], "`on` nor `off`"),
         (&["--footprint", "fine"], "auto, affine, exact"),
@@ -97,11 +109,40 @@ fn wrong_options_are_refused_in_one_message_and_leave_no_file() {
         assert_eq!(place.files(), before, "{args:?}");
     }
     assert!(place.refusal(&["render", "--size", "10"]).contains("640x480"));
-    assert!(place.refusal(&["render", "--size", "0x10"]).contains("1 to 65536"));
+    assert!(place.refusal(&["render", "--size", "0x10"]).contains("--size is 0x10; it must be 1 to 65536"));
     assert!(place.refusal(&["render", "--size", "65536x65536"]).contains("at most"));
+    assert!(place.refusal(&["render", "--dims", "2x2x2"]).contains("--dims"));
+    assert!(place.refusal(&["info", "cube.obj", "--spacing", "1,1,1"]).contains("--spacing is for volumes"));
     assert!(place.refusal(&["render", "empty.toml"]).contains("[[mesh]]"));
     assert!(place.refusal(&["render", "missing.toml"]).contains("missing.toml"));
     assert_eq!(place.files(), before);
+}
+
+#[test]
+fn options_that_the_files_have_no_use_for_are_refused() {
+    let place = Workplace::new();
+    place.ball();
+    place.cube();
+    let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nencoding: raw\n\n";
+    place.write("v.nrrd", [header.as_bytes(), &[0, 0, 0, 0, 9, 9, 9, 9]].concat());
+    image::RgbImage::from_pixel(2, 2, image::Rgb([255, 0, 0])).save(place.path("red.png")).unwrap();
+    place.write("flat.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n");
+    let ball = "ball_16x16x16_uint8.raw";
+    for (args, says) in [
+        (&[ball, "--surfels", "9"][..], "--surfels is for meshes; none is given"),
+        (&[ball, "--surfel-spacing", "9"], "--surfel-spacing is for meshes"),
+        (&[ball, "--texture", "red.png"], "--texture is for meshes"),
+        (&["cube.obj", "--texture", "red.png"], "--texture is used by no part"),
+        (&["v.nrrd", "--dims", "2x2x2"], "v.nrrd: --dims is for raw files; the volume has a header"),
+        (&["v.nrrd", "--type", "u8"], "--type is for raw files"),
+    ] {
+        let message = place.refusal(&[&["render", "--size", "8x8"], args].concat());
+        assert!(message.contains(says), "{args:?}: {message}");
+    }
+    // One file that has a use is enough.
+    let small = ["render", "--size", "8x8", "--surfels", "50"];
+    place.run(&[&small[..], &["flat.obj", "cube.obj", "--texture", "red.png"]].concat());
+    place.run(&[&small[..], &["cube.obj", "v.nrrd", ball, "--dims", "16x16x16", "--iso", "5"]].concat());
 }
 
 #[test]

@@ -86,6 +86,12 @@ fn what_cannot_be_compared_is_refused() {
         assert!(message.contains(says), "{b}: {message}");
         assert_eq!(message.lines().count(), 1, "{message}");
     }
+    let message = place.refusal(&["compare", "a.png", "a.png", "--max", "-1"]);
+    assert!(message.contains("--max is -1; it must be at least 0"), "{message}");
+    let pixel = |x: usize, y: usize| (if (x, y) == (1, 2) { f32::NAN } else { 0.5 }, 0.5_f32, 0.5_f32);
+    exr::prelude::write_rgb_file(place.path("nan.exr"), 16, 16, pixel).unwrap();
+    let message = place.refusal(&["compare", "c.exr", "nan.exr"]);
+    assert!(message.contains("nan.exr: the pixel at 1,2 is not finite"), "{message}");
     let message = place.refusal(&["compare", "a.png", "a.png", "--diff", "d.exr"]);
     assert!(message.contains(".png"), "{message}");
 }

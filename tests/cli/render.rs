@@ -105,6 +105,53 @@ fn statistics_are_one_json_object() {
 }
 
 #[test]
+fn surfels_by_themselves_are_at_most_16_a_pixel() {
+    let place = Workplace::new();
+    place.cube();
+    let splats = |size: &str| {
+        let near = ["render", "cube.obj", "--eye", "0,0,1.01", "--stats", "-", "--size", size];
+        let stats: Value = serde_json::from_str(&place.run(&near)[0]).unwrap();
+        stats["splats"].as_u64().unwrap()
+    };
+    // The face is 0.01 away: a pixel there is 0.0005 wide, and the cube has an area of 24.
+    let found = splats("20x10");
+    assert!(found <= 16 * 200 && found > 8 * 200, "{found}");
+}
+
+#[test]
+fn a_refused_place_is_called_by_the_users_name_for_it() {
+    let place = Workplace::new();
+    place.cube();
+    let message = place.refusal(&["render", "cube.obj", "-o", "nowhere/a.png"]);
+    assert!(message.contains("cannot write nowhere/a.png: ") && !message.contains(".oblate-"), "{message}");
+    std::fs::create_dir(place.path("folder.png")).unwrap();
+    let message = place.refusal(&["render", "cube.obj", "-o", "folder.png"]);
+    assert!(message.contains("it is a folder"), "{message}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_program_that_is_ended_leaves_nothing() {
+    let place = Workplace::new();
+    place.cube();
+    // A reference that takes long.
+    let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin!("oblate"))
+        .current_dir(place.path("."))
+        .args(["render", "cube.obj", "--size", "2000x2000", "--reference", "r2", "--samples", "60000"])
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    // The camera is said after the outputs were begun.
+    let mut said = std::io::BufReader::new(child.stderr.take().unwrap());
+    let mut line = String::new();
+    std::io::BufRead::read_line(&mut said, &mut line).unwrap();
+    assert!(line.contains("camera: "), "{line}");
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert_eq!(place.files(), ["cube.obj"]);
+}
+
+#[test]
 fn quiet_says_nothing() {
     let place = Workplace::new();
     place.cube();
@@ -116,7 +163,7 @@ fn a_picture_appears_whole_or_not_at_all() {
     let place = Workplace::new();
     place.cube();
     place.write("kept.png", "something older");
-    // Fails after the output was begun.
+    // Fails after the output's place was looked at.
     place.refusal(&["render", "missing.glb", "-o", "kept.png"]);
     assert_eq!(std::fs::read(place.path("kept.png")).unwrap(), b"something older");
     assert_eq!(place.files(), ["cube.obj", "kept.png"]);

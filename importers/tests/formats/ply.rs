@@ -211,7 +211,7 @@ fn what_is_wrong_is_said() {
     refuse("vertex 3", "vertex 9999999999999999", &["9999999999999999 rows", "left"]);
     refuse("vertex 3", "vertex 99999999999999999999999", &["line 3", "rows"]);
     refuse("vertex 3", "vertices 3", &["element \"vertex\""]);
-    refuse("element face", "element faces", &["cloud of points"]);
+    refuse("element face", "element faces", &["element \"face\"; a cloud of points"]);
     refuse("float y", "float w", &["x, y and z"]);
     refuse("float y", "list uchar float y", &["must not be a list"]);
     refuse("float y", "float x", &["line 5", "second property"]);
