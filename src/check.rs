@@ -70,8 +70,8 @@ impl PictureOptions {
     pub(crate) fn check(&self) -> Result<(), Wrong> {
         if let Some([width, height]) = self.size {
             let size = format!("{width}x{height}");
-            let sides = [width, height].iter().all(|side| (1..=65_536).contains(side));
-            ensure("size", &size, sides, "1 to 65536 pixels on each side")?;
+            let sides = [width, height].iter().all(|side| (1..=65_535).contains(side));
+            ensure("size", &size, sides, "1 to 65535 pixels on each side")?;
             let pixels = u64::from(width) * u64::from(height);
             ensure("size", &size, pixels <= MOST_PIXELS, format!("at most {MOST_PIXELS} pixels"))?;
         }

@@ -60,14 +60,14 @@ pub(crate) fn open(path: &Path, options: &FileOptions) -> Result<(Opened, Uses)>
         "{}: --type and --endian describe raw volumes; give --dims with them",
         path.display()
     );
-    let plain = OpenOptions { raw, spacing: options.spacing.map(DVec3::from), texture: None };
+    let spacing = options.spacing.map(DVec3::from);
     let opened =
-        oblate::importers::open(path, &OpenOptions { texture: options.texture.clone(), ..plain.clone() })?;
+        oblate::importers::open(path, &OpenOptions { raw, spacing, texture: options.texture.clone() })?;
     let uses = match &opened {
-        // A texture that changes nothing was not used.
-        Opened::Mesh(_) => Uses {
+        Opened::Mesh(mesh) => Uses {
             mesh: true,
-            texture: options.texture.is_some() && oblate::importers::open(path, &plain)? != opened,
+            // Without any texture in the mesh the one given was not used.
+            texture: mesh.primitives.iter().any(|part| part.material.texture.is_some()),
             ..Uses::default()
         },
         Opened::Volume(volume) => Uses {

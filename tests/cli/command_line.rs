@@ -109,8 +109,8 @@ fn wrong_options_are_refused_in_one_message_and_leave_no_file() {
         assert_eq!(place.files(), before, "{args:?}");
     }
     assert!(place.refusal(&["render", "--size", "10"]).contains("640x480"));
-    assert!(place.refusal(&["render", "--size", "0x10"]).contains("--size is 0x10; it must be 1 to 65536"));
-    assert!(place.refusal(&["render", "--size", "65536x65536"]).contains("at most"));
+    assert!(place.refusal(&["render", "--size", "0x10"]).contains("--size is 0x10; it must be 1 to 65535"));
+    assert!(place.refusal(&["render", "--size", "65535x65535"]).contains("at most"));
     assert!(place.refusal(&["render", "--dims", "2x2x2"]).contains("--dims"));
     assert!(place.refusal(&["info", "cube.obj", "--spacing", "1,1,1"]).contains("--spacing is for volumes"));
     assert!(place.refusal(&["render", "empty.toml"]).contains("[[mesh]]"));
