@@ -20,6 +20,12 @@ impl Tile {
         let [width, height] = self.size;
         (0..height).flat_map(move |y| (0..width).map(move |x| y * TILE + x))
     }
+
+    /// The centre of the pixel with this number, in the picture.
+    pub(crate) fn center(self, pixel: usize) -> DVec2 {
+        let [left, top] = self.origin;
+        DVec2::new((left + pixel % TILE) as f64, (top + pixel / TILE) as f64) + 0.5
+    }
 }
 
 /// A volume kernel at a pixel.
@@ -153,18 +159,14 @@ impl Rasterizer<'_> {
             let optical_depth = match (record.kind, record.form) {
                 (Kind::Opacity, _) => -(-amplitude.min(LARGEST_ALPHA)).ln_1p(),
                 (_, Form::Affine) => amplitude,
-                (_, Form::Exact) => amplitude * hit.scale * self.ray_length(tile, pixel),
+                (_, Form::Exact) => {
+                    let ray = self.lens.ray(tile.center(usize::from(pixel)));
+                    amplitude * hit.scale * ray.length() as f32
+                }
             };
             out.fragments.push(Fragment { depth: hit.z, sigma_z: hit.sigma_z, optical_depth, pixel });
         });
         out.splats.push((index, out.fragments.len()));
-    }
-
-    /// |v| of the ray through a pixel.
-    fn ray_length(&self, tile: Tile, pixel: u16) -> f32 {
-        let (x, y) = (usize::from(pixel) % TILE, usize::from(pixel) / TILE);
-        let place = DVec2::new((tile.origin[0] + x) as f64, (tile.origin[1] + y) as f64) + 0.5;
-        self.lens.ray(place).length() as f32
     }
 }
 

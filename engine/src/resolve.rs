@@ -8,7 +8,7 @@ use crate::layers::Cuts;
 use crate::raster::Tile;
 use crate::scene::{Blend, RenderSettings};
 use crate::shade::Shader;
-use glam::{DMat3, DVec2, Vec3, Vec4};
+use glam::{DMat3, DVec2, Vec3};
 
 /// One finished pixel.
 #[derive(Clone, Copy)]
@@ -32,15 +32,7 @@ pub(crate) struct Resolver<'a> {
 impl Resolver<'_> {
     /// The pixels of a tile, row by row.
     pub(crate) fn tile(&self, tile: Tile, cuts: &Cuts, runs: &Runs) -> Vec<Pixel> {
-        let mut pixels = Vec::with_capacity(tile.size[0] * tile.size[1]);
-        for y in 0..tile.size[1] {
-            for x in 0..tile.size[0] {
-                let pixel = y * crate::bin::TILE + x;
-                let place = DVec2::new((tile.origin[0] + x) as f64, (tile.origin[1] + y) as f64) + 0.5;
-                pixels.push(self.pixel(place, cuts.of(pixel), runs.of(pixel)));
-            }
-        }
-        pixels
+        tile.pixels().map(|pixel| self.pixel(tile.center(pixel), cuts.of(pixel), runs.of(pixel))).collect()
     }
 
     /// run₀ ∘ cut₁ ∘ run₁ ∘ … ∘ run_K ∘ background.
@@ -79,11 +71,11 @@ impl Resolver<'_> {
         }
         let all = run.over(Run::layer(background, 0.0, background_alpha));
         let alpha = all.opacity;
-        let mut color = all.color_and_depth.truncate().to_array();
+        let [mut red, mut green, mut blue] = all.color_and_depth.truncate().to_array();
         if self.settings.blend == Blend::Display && alpha > 0.0 {
-            color = color.map(|c| srgb_to_linear(c / alpha) * alpha);
+            [red, green, blue] = [red, green, blue].map(|c| srgb_to_linear(c / alpha) * alpha);
         }
-        Vec4::new(color[0], color[1], color[2], alpha).to_array()
+        [red, green, blue, alpha]
     }
 }
 

@@ -5,6 +5,7 @@
 
 use crate::field::difference;
 use crate::volume::{Volume, Voxels};
+use rayon::prelude::*;
 
 /// Samples, and cells, of a brick along an axis.
 pub(crate) const SIDE: usize = 8;
@@ -28,7 +29,7 @@ pub(crate) const MORTON: [[u8; 3]; SIDE * SIDE * SIDE] = {
 };
 
 /// First samples of a grid's bricks, in Morton order.
-pub(crate) fn brick_bases(dims: [usize; 3]) -> Vec<[usize; 3]> {
+fn brick_bases(dims: [usize; 3]) -> Vec<[usize; 3]> {
     let [nx, ny, nz] = dims.map(|d| d.div_ceil(SIDE));
     let mut bricks = Vec::with_capacity(nx * ny * nz);
     for z in 0..nz {
@@ -43,6 +44,27 @@ pub(crate) fn brick_bases(dims: [usize; 3]) -> Vec<[usize; 3]> {
 /// Puts two zero bits between the bits of a number below 2^42.
 fn spread(number: usize) -> u128 {
     (0..42).fold(0, |code, bit| code | ((number as u128 >> bit) & 1) << (3 * bit))
+}
+
+/// Bricks that one task of [`walk_bricks`] takes.
+const BRICKS_A_TASK: usize = 32;
+
+/// Loads every brick of a volume and adds it to a batch; batches come in Morton order, for any number of threads.
+pub(crate) fn walk_bricks<B: Default + Send>(
+    volume: &Volume,
+    add: impl Fn(&Brick, [usize; 3], &mut B) + Sync,
+) -> Vec<B> {
+    brick_bases(volume.dims())
+        .par_chunks(BRICKS_A_TASK)
+        .map_init(Brick::default, |brick, bases| {
+            let mut batch = B::default();
+            for &base in bases {
+                brick.load(volume, base);
+                add(brick, base, &mut batch);
+            }
+            batch
+        })
+        .collect()
 }
 
 /// A brick's samples; NaN stands for samples outside the grid and for values that are not finite.

@@ -3,12 +3,11 @@
 use std::array;
 
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
-use rayon::prelude::*;
 use thiserror::Error;
 
 use oblate_engine::{Cloud, CloudError, Material, Shapes, Splats, Strength, Surface};
 
-use crate::brick::{Brick, MORTON, SIDE, brick_bases};
+use crate::brick::{Brick, MORTON, SIDE, walk_bricks};
 use crate::cell::{Cell, FACE_CORNERS, LOOPS, Polygon};
 use crate::volume::Volume;
 
@@ -26,9 +25,6 @@ const SURFEL_RADIUS: f64 = 0.8;
 /// grid's longest steps, three radii away from borders. On a sphere of radius r it falls by 3σ²/r², since
 /// surfels are flat, and by the polygons' lack of area.
 pub const COVERAGE_FLOOR: f32 = 0.9;
-
-/// Bricks that one task turns into surfels.
-const BRICKS_A_TASK: usize = 32;
 
 /// How [`iso_surfels`] makes surfels.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,19 +99,11 @@ pub fn iso_surfels(volume: &Volume, iso: f32, settings: &IsoSettings) -> Result<
         gradients_to_world: volume.gradients_to_world(),
         flattening: f64::from(settings.flattening),
     };
-    let batches: Vec<Batch> = brick_bases(volume.dims())
-        .par_chunks(BRICKS_A_TASK)
-        .map_init(Brick::default, |brick, bases| {
-            let mut batch = Batch::default();
-            for &base in bases {
-                brick.load(volume, base);
-                if brick.range[0] < iso && iso <= brick.range[1] {
-                    sampler.add_brick(brick, base, &mut batch);
-                }
-            }
-            batch
-        })
-        .collect();
+    let batches = walk_bricks(volume, |brick, base, batch: &mut Batch| {
+        if brick.range[0] < iso && iso <= brick.range[1] {
+            sampler.add_brick(brick, base, batch);
+        }
+    });
 
     let mut all = Batch::default();
     for batch in batches {

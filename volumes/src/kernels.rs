@@ -1,20 +1,16 @@
 //! Volumes to extinction kernels.
 
 use glam::{DAffine3, DVec3, Vec3};
-use rayon::prelude::*;
 
 use oblate_engine::{Cloud, CloudError, Material, Shapes, Splats, Strength};
 
-use crate::brick::{Brick, MORTON, brick_bases};
+use crate::brick::{Brick, MORTON, walk_bricks};
 use crate::transfer::{Optical, TransferFunction};
 use crate::volume::{Volume, Voxels};
 
 /// Standard deviation of a sample's kernel, in steps of the grid. Kernels of a constant field then sum to the
 /// field within 6 exp(−2π²·0.7²) = 4·10⁻⁴ (Poisson summation; the next terms are 10⁻⁸).
 pub const KERNEL_SIGMA: f64 = 0.7;
-
-/// Bricks that one task turns into kernels.
-const BRICKS_A_TASK: usize = 32;
 
 /// How [`to_kernels`] makes kernels.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -40,17 +36,8 @@ pub fn to_kernels(
     settings: &KernelSettings,
 ) -> Result<Cloud, CloudError> {
     let lookup = Lookup::new(volume.voxels(), transfer);
-    let batches: Vec<Batch> = brick_bases(volume.dims())
-        .par_chunks(BRICKS_A_TASK)
-        .map_init(Brick::default, |brick, bases| {
-            let mut batch = Batch::default();
-            for &base in bases {
-                brick.load(volume, base);
-                batch.add(brick, base, &lookup, volume);
-            }
-            batch
-        })
-        .collect();
+    let batches =
+        walk_bricks(volume, |brick, base, batch: &mut Batch| batch.add(brick, base, &lookup, volume));
 
     let count = batches.iter().map(|batch| batch.centers.len()).sum();
     let mut all = Batch::with_capacity(count);
