@@ -88,6 +88,7 @@ fn torus_and_sphere(count: usize) -> Cloud {
         }),
         centers,
         colors,
+        harmonics: None,
         normals: Some(normals),
         material: Material::default(),
     })

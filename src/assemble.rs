@@ -53,7 +53,7 @@ pub(crate) fn assemble(
     let points = |see: &mut dyn FnMut(DVec3)| {
         for cloud in &clouds {
             let to_world = cloud.cloud_to_world();
-            cloud.splats().centers.iter().for_each(|p| see(to_world.transform_point3(p.as_dvec3())));
+            (0..cloud.len()).for_each(|i| see(to_world.transform_point3(cloud.center(i).as_dvec3())));
         }
         for mesh in items.iter().filter_map(Item::mesh) {
             for part in &mesh.primitives {

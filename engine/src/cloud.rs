@@ -1,5 +1,6 @@
 //! Clouds of splats: structure of arrays, one strength for all splats of a cloud.
 
+use crate::columns::Columns;
 use crate::cull::{self, Cluster};
 use glam::{DAffine3, DMat3, Mat3, Vec3};
 use thiserror::Error;
@@ -95,6 +96,8 @@ pub struct Splats {
     pub strength: Strength,
     /// Linear Rec. 709 colours, not premultiplied.
     pub colors: Vec<[f32; 3]>,
+    /// How the colours change with the direction they are seen from.
+    pub harmonics: Option<Harmonics>,
     /// Unit normals for shading in cloud space; a zero vector, or `None` for all, is a splat without one,
     /// which returns ambient light alone, or, on a surface, takes the normal of its shape.
     pub normals: Option<Vec<Vec3>>,
@@ -102,10 +105,35 @@ pub struct Splats {
     pub material: Material,
 }
 
+/// Real spherical harmonics from degree 1 on, by which trained scenes let colours depend on the view.
+///
+/// They are added to the display-encoded colour, where such scenes are trained, and the sum is cut off at 0.
+/// Directions point from the eye to the splat, in cloud space. Basis and signs are those of Kerbl, Kopanas,
+/// Leimkühler, Drettakis, *3D Gaussian Splatting for Real-Time Radiance Field Rendering*, 2023.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Harmonics {
+    /// The highest degree, from 1 to 3.
+    pub degree: u8,
+    /// For each splat 3, 8 or 15 colours, by degree and then order.
+    pub coefficients: Vec<[f32; 3]>,
+}
+
+impl Harmonics {
+    /// Coefficients of each channel of a splat.
+    pub(crate) const fn count(degree: u8) -> usize {
+        (degree as usize + 1) * (degree as usize + 1) - 1
+    }
+
+    /// Colours for each splat.
+    pub fn per_splat(&self) -> usize {
+        Self::count(self.degree)
+    }
+}
+
 /// Splats that can be drawn: every number finite, every array of one length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cloud {
-    splats: Splats,
+    columns: Columns,
     clusters: Vec<Cluster>,
     cloud_to_world: DAffine3,
 }
@@ -114,13 +142,13 @@ pub struct Cloud {
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum CloudError {
     /// Two arrays differ in length.
-    #[error("{array} has {found} entries where the cloud has {expected} centres")]
+    #[error("{array} has {found} entries where the cloud's centres ask for {expected}")]
     Length {
         /// The name of the array.
         array: &'static str,
         /// Its length.
         found: usize,
-        /// The number of centres.
+        /// What would fit the number of centres.
         expected: usize,
     },
     /// A number is outside its range.
@@ -147,8 +175,9 @@ impl Cloud {
     /// When arrays differ in length or a number is not finite or outside its documented range.
     pub fn new(splats: Splats) -> Result<Self, CloudError> {
         validate(&splats)?;
-        let clusters = cull::clusters(&splats);
-        Ok(Self { splats, clusters, cloud_to_world: DAffine3::IDENTITY })
+        let columns = Columns::new(&splats);
+        let clusters = cull::clusters(&columns);
+        Ok(Self { columns, clusters, cloud_to_world: DAffine3::IDENTITY })
     }
 
     /// The same cloud elsewhere: `outer` is applied after the transform that the cloud already has.
@@ -161,17 +190,36 @@ impl Cloud {
 
     /// The number of splats.
     pub fn len(&self) -> usize {
-        self.splats.centers.len()
+        self.columns.len
     }
 
     /// Whether there is nothing to draw.
     pub fn is_empty(&self) -> bool {
-        self.splats.centers.is_empty()
+        self.columns.len == 0
     }
 
-    /// The checked arrays.
-    pub fn splats(&self) -> &Splats {
-        &self.splats
+    /// A copy of the arrays, in the order of ids; coefficients of harmonics as they were rounded to 16 bits.
+    pub fn splats(&self) -> Splats {
+        self.columns.splats()
+    }
+
+    /// The centre of splat `index` in cloud space.
+    pub fn center(&self, index: usize) -> Vec3 {
+        self.columns.center(index)
+    }
+
+    /// The covariance factor of splat `index` in cloud space.
+    pub fn factor(&self, index: usize) -> Mat3 {
+        self.columns.factor(index)
+    }
+
+    /// How the splats answer light.
+    pub fn material(&self) -> Material {
+        self.columns.material
+    }
+
+    pub(crate) fn columns(&self) -> &Columns {
+        &self.columns
     }
 
     pub(crate) fn clusters(&self) -> &[Cluster] {
@@ -186,8 +234,8 @@ impl Cloud {
     /// The smallest and largest corner of the centres in the world; `None` for an empty cloud.
     pub fn bounds(&self) -> Option<[glam::DVec3; 2]> {
         let mut corners: Option<[glam::DVec3; 2]> = None;
-        for center in &self.splats.centers {
-            let p = self.cloud_to_world.transform_point3(center.as_dvec3());
+        for index in 0..self.len() {
+            let p = self.cloud_to_world.transform_point3(self.center(index).as_dvec3());
             corners = Some(corners.map_or([p, p], |[low, high]| [low.min(p), high.max(p)]));
         }
         corners
@@ -240,6 +288,22 @@ fn validate(splats: &Splats) -> Result<(), CloudError> {
     length("colors", splats.colors.len())?;
     for (index, color) in splats.colors.iter().enumerate() {
         finite("colour", index, color.iter().all(|c| c.is_finite()), color)?;
+    }
+    if let Some(harmonics) = &splats.harmonics {
+        let Harmonics { degree, coefficients } = harmonics;
+        if !(1..=3).contains(degree) {
+            let expected = "harmonics have a degree from 1 to 3";
+            return Err(CloudError::Value { index: 0, what: "degree", value: degree.to_string(), expected });
+        }
+        let per_splat = harmonics.per_splat();
+        if coefficients.len() != expected * per_splat {
+            let (array, found) = ("harmonics", coefficients.len());
+            return Err(CloudError::Length { array, found, expected: expected * per_splat });
+        }
+        for (number, color) in coefficients.iter().enumerate() {
+            let ok = color.iter().all(|c| c.is_finite());
+            finite("coefficient of harmonics", number / per_splat, ok, color)?;
+        }
     }
     if let Some(normals) = &splats.normals {
         length("normals", normals.len())?;

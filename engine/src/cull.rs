@@ -1,6 +1,7 @@
 //! Stage `cull`: which ranges of a scene's splats can be seen.
 
 use crate::camera::{Camera, Projection};
+use crate::columns::Columns;
 use crate::footprint::{CameraSplat, Lens};
 use crate::scene::{RenderSettings, Scene};
 use glam::{DVec3, DVec4};
@@ -107,23 +108,21 @@ pub(crate) struct Cluster {
 const CLUSTER_SIZE: usize = 1024;
 
 /// Cuts a cloud into clusters of consecutive splats.
-pub(crate) fn clusters(splats: &crate::cloud::Splats) -> Vec<Cluster> {
-    let count = splats.centers.len();
+pub(crate) fn clusters(columns: &Columns) -> Vec<Cluster> {
+    let count = columns.len;
     (0..count)
         .step_by(CLUSTER_SIZE)
         .map(|start| {
             let range = start..count.min(start + CLUSTER_SIZE);
-            let centers = &splats.centers[range.clone()];
-            let (mut low, mut high) = (centers[0], centers[0]);
-            for p in centers {
-                (low, high) = (low.min(*p), high.max(*p));
+            let centers = || range.clone().map(|i| columns.center(i));
+            let (mut low, mut high) = (columns.center(start), columns.center(start));
+            for p in centers() {
+                (low, high) = (low.min(p), high.max(p));
             }
             let center = low * 0.5 + high * 0.5;
-            let radius = centers.iter().map(|p| p.distance(center)).fold(0.0, f32::max);
-            let largest_sigma = range
-                .clone()
-                .map(|i| frobenius(splats.shapes.factor(i).as_dmat3()) as f32)
-                .fold(0.0, f32::max);
+            let radius = centers().map(|p| p.distance(center)).fold(0.0, f32::max);
+            let largest_sigma =
+                range.clone().map(|i| frobenius(columns.factor(i).as_dmat3()) as f32).fold(0.0, f32::max);
             Cluster { splats: range, center, radius, largest_sigma }
         })
         .collect()

@@ -9,7 +9,8 @@
 //! adds what belongs to it and keeps the rest.
 
 use crate::bin::TILE;
-use crate::cloud::{Cloud, Strength};
+use crate::cloud::Cloud;
+use crate::columns::Kind;
 use crate::composite::Cut;
 use crate::footprint::Records;
 use crate::raster::Sample;
@@ -111,9 +112,9 @@ impl<'a> LayerBuilder<'a> {
     pub(crate) fn new(clouds: &[Cloud], records: &'a Records, spent: f32) -> Self {
         let depth_tolerances = clouds
             .iter()
-            .map(|cloud| match &cloud.splats().strength {
+            .map(|cloud| match &cloud.columns().kind {
                 // A scaled cloud scales its radii; the cube root is exact for uniform scales.
-                Strength::Surface(surface) => {
+                Kind::Surface(surface) => {
                     let scale = cloud.cloud_to_world().matrix3.determinant().abs().cbrt();
                     surface.depth_tolerance * scale as f32
                 }

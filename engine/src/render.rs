@@ -95,8 +95,7 @@ impl<'a> TileDrawer<'a> {
         let near = camera.near() as f32;
         // A quarter of the tolerance: what is behind changes a channel by at most that share of its brightness.
         let spent = (settings.tolerance / 4.0) as f32;
-        let shaders =
-            scene.clouds.iter().map(|cloud| Shader::new(scene, camera, cloud.splats().material)).collect();
+        let shaders = scene.clouds.iter().map(|cloud| Shader::new(scene, camera, cloud.material())).collect();
         let camera_to_world = camera.pose().world_to_camera.matrix3.transpose();
         Self {
             records,

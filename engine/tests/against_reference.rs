@@ -51,6 +51,7 @@ fn cloudlet(density: f64) -> Cloud {
         shapes: Shapes::Shared(Mat3::from_diagonal(Vec3::splat(0.7 * 0.15))),
         strength: Strength::Extinction { masses: vec![(density * 0.15f64.powi(3)) as f32; count] },
         colors,
+        harmonics: None,
         normals: Some(normals),
         material: Material::default(),
     })
@@ -73,6 +74,7 @@ fn trained() -> Cloud {
         ),
         strength: Strength::Opacity { peaks: (0..count).map(|i| 0.3 + 0.1 * (i % 6) as f32).collect() },
         colors: (0..count).map(|i| [(i % 2) as f32, (i % 3) as f32 / 2.0, (i % 5) as f32 / 4.0]).collect(),
+        harmonics: None,
         normals: None,
         material: Material::UNLIT,
     })

@@ -85,7 +85,7 @@ fn a_lattice_of_surfels_covers_evenly_to_87_degrees() {
             (Vec3::new(place[0], place[1], 0.0) * spacing, Vec3::NEG_Z)
         })
         .collect();
-    let mut splats = surfels(&points, spacing * spacing, [1.0; 3], false).splats().clone();
+    let mut splats = surfels(&points, spacing * spacing, [1.0; 3], false).splats();
     if let Strength::Surface(surface) = &mut splats.strength {
         surface.areas.iter_mut().for_each(|area| *area *= 0.5);
     }
@@ -250,7 +250,7 @@ fn the_side_that_is_seen_has_the_normal_and_the_light() {
 /// The same surfels, returning diffuse light only.
 fn lambert(cloud: &Cloud) -> Cloud {
     let material = Material { ambient: 0.0, diffuse: 0.7, specular: 0.0, exponent: 1.0 };
-    Cloud::new(Splats { material, ..cloud.splats().clone() }).unwrap()
+    Cloud::new(Splats { material, ..cloud.splats() }).unwrap()
 }
 
 #[test]

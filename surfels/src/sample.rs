@@ -177,6 +177,7 @@ fn splats(surfels: &[Surfel], spacing: f64, closed: bool, settings: &SamplerSett
             closed,
         }),
         colors: surfels.par_iter().map(color).collect(),
+        harmonics: None,
         normals: Some(surfels.par_iter().map(|surfel| surfel.normal).collect()),
         material: settings.material,
     }

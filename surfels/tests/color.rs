@@ -130,7 +130,7 @@ fn transparent_texels_lend_no_colour() {
     let texel = |x: usize, _: usize| if x.is_multiple_of(2) { [255, 0, 0, 255] } else { [0, 255, 0, 0] };
     let material = BaseColor { factor: Vec4::ONE, texture: texture([256, 256], Wrap::Repeat, texel) };
     let cloud = surfels(&square(material), 1000);
-    let opacities = surface(&cloud).opacities.as_ref().unwrap();
+    let opacities = surface(&cloud).opacities.unwrap();
     for (color, opacity) in cloud.splats().colors.iter().zip(opacities) {
         assert!((color[0] - 1.0).abs() < 1e-4 && color[1].abs() < 1e-4, "{color:?}");
         assert!((opacity - 0.5).abs() < 1e-4, "{opacity}");

@@ -26,8 +26,8 @@ fn surfels_face_outwards_also_when_mirrored() {
     let mirrored = DAffine3::from_scale(dvec3(-1.0, 1.0, 1.0));
     for (name, transform) in [("plain", DAffine3::IDENTITY), ("mirrored", mirrored), ("far", far)] {
         let cloud = surfels(&sphere(transform), 3000).unwrap();
-        let normals = cloud.splats().normals.as_ref().unwrap();
-        let rows = centers(&cloud).into_iter().zip(outward(&cloud)).zip(normals);
+        let normals = cloud.splats().normals.unwrap();
+        let rows = centers(&cloud).into_iter().zip(outward(&cloud)).zip(&normals);
         for ((center, facing), normal) in rows {
             let expected = center - transform.translation;
             // A cell of 0.065 turns the mean normal by less than that; a far centre keeps its digits.
@@ -42,8 +42,8 @@ fn surfels_face_outwards_also_when_mirrored() {
 fn stretched_normals_are_the_ellipsoids() {
     let scale = dvec3(1.0, 2.0, 3.0);
     let cloud = surfels(&sphere(DAffine3::from_scale(scale)), 20_000).unwrap();
-    let normals = cloud.splats().normals.as_ref().unwrap();
-    for (center, normal) in centers(&cloud).iter().zip(normals) {
+    let normals = cloud.splats().normals.unwrap();
+    for (center, normal) in centers(&cloud).iter().zip(&normals) {
         let expected = (*center / scale / scale).normalize();
         assert!(normal.as_dvec3().dot(expected) > 0.999, "{normal} at {center}, not {expected}");
     }
@@ -52,11 +52,12 @@ fn stretched_normals_are_the_ellipsoids() {
 #[test]
 fn surfels_are_flat_discs() {
     let cloud = surfels(&sphere(DAffine3::IDENTITY), 1000).unwrap();
+    let tolerance = surface(&cloud).depth_tolerance;
     for i in 0..cloud.len() {
-        let factor = cloud.splats().shapes.factor(i);
+        let factor = cloud.factor(i);
         assert_eq!(factor.z_axis, Vec3::ZERO);
         assert!((factor.x_axis.length() / factor.y_axis.length() - 1.0).abs() < 1e-5);
-        assert!((2.0 * factor.x_axis.length() / surface(&cloud).depth_tolerance - 1.0).abs() < 1e-5);
+        assert!((2.0 * factor.x_axis.length() / tolerance - 1.0).abs() < 1e-5);
     }
 }
 
@@ -228,7 +229,7 @@ fn useless_normals_fall_back_to_the_triangles() {
     let mut plane = primitives::plane(1);
     plane.normals = Some(vec![Vec3::ZERO, Vec3::NAN, Vec3::ZERO, Vec3::ZERO]);
     let cloud = surfels(&mesh_of(plane, DAffine3::IDENTITY), 100).unwrap();
-    let normals = cloud.splats().normals.as_ref().unwrap();
+    let normals = cloud.splats().normals.unwrap();
     assert!(normals.iter().all(|n| n.distance(Vec3::Y) < 1e-6));
 }
 

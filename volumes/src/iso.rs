@@ -127,6 +127,7 @@ pub fn iso_surfels(volume: &Volume, iso: f32, settings: &IsoSettings) -> Result<
             closed: !all.open,
         }),
         colors: vec![settings.color; count],
+        harmonics: None,
         normals: Some(all.normals),
         material: settings.material,
     })?;

@@ -52,6 +52,7 @@ pub fn to_kernels(
         shapes: Shapes::Shared((volume.steps() * KERNEL_SIGMA).as_mat3()),
         strength: Strength::Extinction { masses: all.masses },
         colors: all.colors,
+        harmonics: None,
         normals: Some(all.normals),
         material: settings.material,
     })?;

@@ -26,15 +26,15 @@ fn kernels(volume: &Volume) -> Cloud {
     to_kernels(volume, &ramp(), &KernelSettings::default()).unwrap()
 }
 
-fn masses(cloud: &Cloud) -> &[f32] {
-    match &cloud.splats().strength {
+fn masses(cloud: &Cloud) -> Vec<f32> {
+    match cloud.splats().strength {
         Strength::Extinction { masses } => masses,
         other => panic!("no extinction but {other:?}"),
     }
 }
 
 fn world(cloud: &Cloud, index: usize) -> DVec3 {
-    cloud.cloud_to_world().transform_point3(cloud.splats().centers[index].as_dvec3())
+    cloud.cloud_to_world().transform_point3(cloud.center(index).as_dvec3())
 }
 
 /// Poisson summation: a lattice of Gaussians of 0.7 steps ripples by 6 e^(−2π²·0.49) = 3.8·10⁻⁴, whatever the

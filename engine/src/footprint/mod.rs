@@ -8,9 +8,11 @@ pub use ewa::{CameraSplat, Footprint, Hit, Lens};
 pub use record::{Form, Kind, Record, RecordHit, Rect};
 
 use crate::camera::{Camera, Projection};
-use crate::cloud::{Cloud, Strength, area_scale};
-use crate::color::linear_to_srgb;
+use crate::cloud::{Cloud, area_scale};
+use crate::color::{linear_to_srgb, srgb_to_linear};
+use crate::columns;
 use crate::cull::{Frustum, VisibleRange};
+use crate::harmonics::basis;
 use crate::scene::{Blend, FootprintForm, RenderSettings, Scene};
 use crate::shade::Shader;
 use glam::{DAffine3, DMat3, DVec3, Vec3};
@@ -69,7 +71,7 @@ pub(crate) fn project(
         .iter()
         .enumerate()
         .map(|(index, cloud)| {
-            let shader = Shader::new(scene, camera, cloud.splats().material);
+            let shader = Shader::new(scene, camera, cloud.material());
             Projector::new(cloud, index as u16, shader, View { camera, settings, lens, frustum })
         })
         .collect();
@@ -98,6 +100,7 @@ struct Projector<'a> {
     shader: Shader,
     view: View<'a>,
     cloud_to_camera: DAffine3,
+    camera_to_cloud: DAffine3,
     normal_to_camera: DMat3,
     determinant: f64,
 }
@@ -114,7 +117,16 @@ impl<'a> Projector<'a> {
             linear.x_axis.cross(linear.y_axis),
         );
         let normal_to_camera = cofactor * linear.determinant().signum();
-        Self { cloud, cloud_index, shader, view, cloud_to_camera, normal_to_camera, determinant }
+        Self {
+            cloud,
+            cloud_index,
+            shader,
+            view,
+            cloud_to_camera,
+            camera_to_cloud: cloud_to_camera.inverse(),
+            normal_to_camera,
+            determinant,
+        }
     }
 
     fn project(&self, range: &VisibleRange) -> Records {
@@ -132,15 +144,15 @@ impl<'a> Projector<'a> {
 
     fn project_splat(&self, index: usize, first_id: u32) -> Option<(Record, Rect, u32, SurfaceSample)> {
         let View { camera, settings, lens, frustum } = &self.view;
-        let splats = self.cloud.splats();
-        let factor_in_cloud = splats.shapes.factor(index);
+        let splats = self.cloud.columns();
+        let factor_in_cloud = splats.factor(index);
         let splat = CameraSplat {
-            center: self.cloud_to_camera.transform_point3(splats.centers[index].as_dvec3()),
+            center: self.cloud_to_camera.transform_point3(splats.center(index).as_dvec3()),
             factor: self.cloud_to_camera.matrix3 * factor_in_cloud.as_dmat3(),
         };
         let perspective = lens.projection == Projection::Perspective;
         let geometric_normal = (self.normal_to_camera * axis_normal(factor_in_cloud)).normalize_or_zero();
-        if let Strength::Surface(surface) = &splats.strength
+        if let columns::Kind::Surface(surface) = &splats.kind
             && surface.closed
         {
             let ray = if perspective { splat.center } else { DVec3::Z };
@@ -155,7 +167,7 @@ impl<'a> Projector<'a> {
             return None;
         }
         let crosses = footprint.crosses_camera_plane(cutoff);
-        let is_extinction = matches!(splats.strength, Strength::Extinction { .. });
+        let is_extinction = matches!(splats.kind, columns::Kind::Extinction);
         let exact = perspective
             && match settings.footprint {
                 FootprintForm::Exact => true,
@@ -176,12 +188,9 @@ impl<'a> Projector<'a> {
         let mut record = Record::geometry(&footprint, form);
         record.id = first_id + index as u32;
         record.cloud = self.cloud_index;
-        let normal = splats.normals.as_ref().map_or(Vec3::ZERO, |normals| normals[index]);
+        let normal = splats.normal(index);
         let normal = (self.normal_to_camera * normal.as_dvec3()).normalize_or_zero();
-        let color = match settings.blend {
-            Blend::Linear => splats.colors[index],
-            Blend::Display => splats.colors[index].map(linear_to_srgb),
-        };
+        let color = self.color(index);
         let shaded = |normal: DVec3| {
             if settings.shade {
                 self.shader.shade_two_sided(color, normal.as_vec3(), splat.center.as_vec3())
@@ -192,22 +201,22 @@ impl<'a> Projector<'a> {
         let gain = cutoff_gain(cutoff);
         let ray = footprint.center_ray;
         let mut sample = SurfaceSample::default();
-        match &splats.strength {
-            Strength::Extinction { masses } => {
-                let mass = f64::from(masses[index]) * self.determinant * gain;
+        match &splats.kind {
+            columns::Kind::Extinction => {
+                let mass = f64::from(splats.strength(index)) * self.determinant * gain;
                 let length = if exact { 1.0 } else { ray.length() };
                 record.kind = Kind::Extinction;
                 record.amplitude = single(mass * footprint.unit_integral * length);
                 record.color = shaded(normal);
             }
-            Strength::Opacity { peaks } => {
+            columns::Kind::Opacity => {
                 record.kind = Kind::Opacity;
                 record.amplitude =
-                    (f64::from(peaks[index]) * footprint.filter_attenuation(&splat, lens)) as f32;
+                    (f64::from(splats.strength(index)) * footprint.filter_attenuation(&splat, lens)) as f32;
                 record.color = shaded(normal);
             }
-            Strength::Surface(surface) => {
-                let area = f64::from(surface.areas[index])
+            columns::Kind::Surface(surface) => {
+                let area = f64::from(splats.strength(index))
                     * area_scale(self.cloud_to_camera.matrix3, factor_in_cloud)
                     * gain;
                 let coverage = area * footprint.unit_integral / f64::from(surface.coverage_floor);
@@ -222,10 +231,8 @@ impl<'a> Projector<'a> {
                     cosine if cosine < 0.0 => -normal,
                     _ => normal,
                 };
-                sample = SurfaceSample {
-                    normal: normal.as_vec3().to_array(),
-                    opacity: surface.opacities.as_ref().map_or(1.0, |opacities| opacities[index]),
-                };
+                sample =
+                    SurfaceSample { normal: normal.as_vec3().to_array(), opacity: splats.opacity(index) };
             }
         }
         if record.amplitude == 0.0 && record.amplitude_slope == [0.0; 2] {
@@ -233,6 +240,35 @@ impl<'a> Projector<'a> {
         }
         let distance = if perspective { splat.center.length() } else { splat.center.z };
         Some((record, rect, sortable(distance as f32), sample))
+    }
+
+    /// The splat's colour in the space of blending, as it is seen from the eye.
+    fn color(&self, index: usize) -> [f32; 3] {
+        let splats = self.cloud.columns();
+        let linear = splats.color(index);
+        let blend = self.view.settings.blend;
+        let Some(harmonics) = &splats.harmonics else {
+            return if blend == Blend::Linear { linear } else { linear.map(linear_to_srgb) };
+        };
+        let direction = self.seen_along(splats.center(index)).as_vec3();
+        let values = basis(direction.x, direction.y, direction.z);
+        let mut color = linear.map(linear_to_srgb);
+        for (value, coefficient) in values.iter().zip(harmonics.row(index)) {
+            for (channel, c) in color.iter_mut().zip(coefficient) {
+                *channel += value * c;
+            }
+        }
+        let color = color.map(|c| c.max(0.0));
+        if blend == Blend::Linear { color.map(srgb_to_linear) } else { color }
+    }
+
+    /// The unit vector from the eye to a point, both in cloud space.
+    fn seen_along(&self, point: Vec3) -> DVec3 {
+        let direction = match self.view.lens.projection {
+            Projection::Perspective => point.as_dvec3() - self.camera_to_cloud.translation,
+            Projection::Orthographic => self.camera_to_cloud.matrix3.z_axis,
+        };
+        direction.normalize_or_zero()
     }
 }
 

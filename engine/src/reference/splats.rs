@@ -5,8 +5,9 @@ use super::integral::{Fragment, REACH};
 use super::layers::Sample;
 use super::shading::{Lighting, Spot};
 use super::view::{Ray, View};
-use crate::cloud::{Cloud, Strength};
+use crate::cloud::Cloud;
 use crate::color::linear_to_srgb;
+use crate::columns::Kind;
 use crate::scene::{Blend, RenderSettings, Scene};
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
@@ -111,7 +112,7 @@ impl<'a> Setup<'a> {
             });
             count += cloud.len();
         }
-        let opacity = |c: &Cloud| matches!(c.splats().strength, Strength::Opacity { .. });
+        let opacity = |c: &Cloud| matches!(c.columns().kind, Kind::Opacity);
         Self {
             view: View::new(camera),
             lighting: Lighting::new(scene, world_to_camera),
@@ -151,8 +152,8 @@ impl<'a> Setup<'a> {
 
     fn ball(&self, placed: &Placed<'_>, index: u32) -> Option<Ball> {
         let (center, columns) = self.columns(placed, index as usize);
-        let surface = match &placed.cloud.splats().strength {
-            Strength::Surface(surface) => Some(surface),
+        let surface = match &placed.cloud.columns().kind {
+            Kind::Surface(surface) => Some(surface),
             _ => None,
         };
         if surface.is_some_and(|s| s.closed) {
@@ -171,9 +172,9 @@ impl<'a> Setup<'a> {
 
     /// Centre and a factor of Σ' in camera space.
     fn columns(&self, placed: &Placed<'_>, index: usize) -> (DVec3, [DVec3; 5]) {
-        let splats = placed.cloud.splats();
-        let center = placed.to_camera.transform_point3(splats.centers[index].as_dvec3());
-        let factor = placed.to_camera.matrix3 * splats.shapes.factor(index).as_dmat3();
+        let splats = placed.cloud.columns();
+        let center = placed.to_camera.transform_point3(splats.center(index).as_dvec3());
+        let factor = placed.to_camera.matrix3 * splats.factor(index).as_dmat3();
         let filter = self.view.filter_at(center.z, self.low_pass);
         let columns = [factor.x_axis, factor.y_axis, factor.z_axis, DVec3::X * filter.x, DVec3::Y * filter.y];
         (center, columns)
@@ -183,16 +184,14 @@ impl<'a> Setup<'a> {
     pub(super) fn splat(&self, id: u32) -> Option<Splat<'a>> {
         let placed = &self.clouds[self.clouds.partition_point(|c| c.first_id <= id) - 1];
         let index = (id - placed.first_id) as usize;
-        let splats = placed.cloud.splats();
+        let splats = placed.cloud.columns();
         let (center, columns) = self.columns(placed, index);
         let gaussian = Gaussian::new(center, &columns)?;
-        let color = self.encode(splats.colors[index]);
-        let normal = splats.normals.as_ref().map_or(DVec3::ZERO, |normals| {
-            (placed.normal_to_camera * normals[index].as_dvec3()).normalize_or_zero()
-        });
-        let strength = match &splats.strength {
-            Strength::Surface(surface) => {
-                let area = f64::from(surface.areas[index]) * placed.area_scale(index);
+        let color = self.encode(splats.color(index));
+        let normal = (placed.normal_to_camera * splats.normal(index).as_dvec3()).normalize_or_zero();
+        let strength = match &splats.kind {
+            Kind::Surface(surface) => {
+                let area = f64::from(splats.strength(index)) * placed.area_scale(index);
                 let geometric_normal = placed.geometric_normal(&columns);
                 // A shading normal is on the side of the shape's.
                 let own = match normal.dot(geometric_normal) {
@@ -206,7 +205,7 @@ impl<'a> Setup<'a> {
                     id,
                     sigma: 0.0,
                     weight: 0.0,
-                    opacity: surface.opacities.as_ref().map_or(1.0, |o| f64::from(o[index])),
+                    opacity: f64::from(splats.opacity(index)),
                     color,
                     normal: own,
                     back: false,
@@ -220,10 +219,8 @@ impl<'a> Setup<'a> {
                 let surfel = Surfel { gaussian, geometric_normal, area, cutoff, plane_reach, prototype };
                 return Some(Splat::Surfel(surfel));
             }
-            Strength::Extinction { masses } => {
-                Amplitude::Mass(f64::from(masses[index]) * placed.volume_scale)
-            }
-            Strength::Opacity { peaks } => {
+            Kind::Extinction => Amplitude::Mass(f64::from(splats.strength(index)) * placed.volume_scale),
+            Kind::Opacity => {
                 // The filter spreads the kernel over a larger shadow and dims it by as much.
                 let direction = self.view.direction(center);
                 let [a, b, c, ..] = columns;
@@ -234,7 +231,7 @@ impl<'a> Setup<'a> {
                     Some(_) => 1.0,
                     None => 0.0,
                 };
-                Amplitude::Peak(f64::from(peaks[index]) * share)
+                Amplitude::Peak(f64::from(splats.strength(index)) * share)
             }
         };
         let color = if self.settings.shade {
@@ -258,7 +255,7 @@ impl Placed<'_> {
 
     /// How the transform scales areas in a splat's plane.
     fn area_scale(&self, index: usize) -> f64 {
-        let factor = self.cloud.splats().shapes.factor(index).as_dmat3();
+        let factor = self.cloud.columns().factor(index).as_dmat3();
         let normal = factor.x_axis.cross(factor.y_axis).normalize_or_zero();
         // Cofactors map area vectors.
         (self.normal_to_camera * normal).length()

@@ -47,7 +47,8 @@ fn draw(clouds: Vec<Cloud>, camera: &Camera, settings: &RenderSettings) -> Frame
 
 fn cloud(centers: Vec<Vec3>, shapes: Shapes, strength: Strength, colors: Vec<[f32; 3]>) -> Cloud {
     let material = Material::default();
-    Cloud::new(Splats { centers, shapes, strength, colors, normals: None, material }).unwrap()
+    Cloud::new(Splats { centers, shapes, strength, colors, harmonics: None, normals: None, material })
+        .unwrap()
 }
 
 /// Round kernels of one σ and mass.
@@ -77,14 +78,14 @@ fn plane(center: Vec3, normal: Vec3, half: i32, opacity: f32, color: [f32; 3]) -
         closed: false,
     };
     let shape = Shapes::Shared(oblate_factor(normal, 0.8, f32::INFINITY));
-    let mut splats = cloud(centers, shape, Strength::Surface(surface), vec![color; count]).splats().clone();
+    let mut splats = cloud(centers, shape, Strength::Surface(surface), vec![color; count]).splats();
     splats.normals = Some(vec![normal; count]);
     Cloud::new(splats).unwrap()
 }
 
 /// The same surfels, each standing for half the area.
 fn thinned(sheet: &Cloud) -> Cloud {
-    let mut splats = sheet.splats().clone();
+    let mut splats = sheet.splats();
     let Strength::Surface(surface) = &mut splats.strength else { unreachable!() };
     surface.areas.iter_mut().for_each(|area| *area *= 0.5);
     Cloud::new(splats).unwrap()

@@ -47,7 +47,7 @@ fn r2_filters_a_faint_kernel_as_r1_does() {
 #[test]
 fn r2_averages_what_is_seen_and_not_optical_depth() {
     // An opaque edge: half of a pixel's rays pass it.
-    let mut splats = plane(Vec3::Z * 10.0, Vec3::NEG_Z, 40, 1.0, WHITE).splats().clone();
+    let mut splats = plane(Vec3::Z * 10.0, Vec3::NEG_Z, 40, 1.0, WHITE).splats();
     // Scaled to 1/40 px, so that the border's own blur is small beside the filter.
     let camera = orthographic(0.025, 1);
     let keep: Vec<usize> = (0..splats.centers.len()).filter(|&i| splats.centers[i].x > 0.0).collect();

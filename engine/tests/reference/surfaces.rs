@@ -92,8 +92,7 @@ fn the_fifth_layer_merges_into_the_fourth() {
 #[test]
 fn closed_surfaces_drop_their_back() {
     let [front, back] = [(10.0, Vec3::Z), (14.0, Vec3::NEG_Z)].map(|(z, normal)| {
-        let mut splats =
-            plane(Vec3::Z * z, normal, 8, 1.0, if z < 12.0 { RED } else { GREEN }).splats().clone();
+        let mut splats = plane(Vec3::Z * z, normal, 8, 1.0, if z < 12.0 { RED } else { GREEN }).splats();
         let Strength::Surface(surface) = &mut splats.strength else { unreachable!() };
         surface.closed = true;
         Cloud::new(splats).unwrap()

@@ -223,7 +223,7 @@ fn a_kernel_without_a_normal_returns_ambient_light() {
     let opaque = || vec![kernels(&[Vec3::Z * 5.0], 1.0, 300.0, &[[0.5; 3]])];
     let frame = draw(opaque(), &orthographic(1.0, 1), &RenderSettings::default());
     close(f64::from(frame.color[0][0]), 0.5 * 0.3, 1e-5);
-    let mut splats = opaque()[0].splats().clone();
+    let mut splats = opaque()[0].splats();
     // Turned to the viewer: n·l = 0.6.
     splats.normals = Some(vec![Vec3::new(0.0, 0.8, 0.6)]);
     let frame = draw(vec![Cloud::new(splats).unwrap()], &orthographic(1.0, 1), &RenderSettings::default());

@@ -57,6 +57,7 @@ pub fn kernels(centers: Vec<Vec3>, factor: Mat3, mass: f32, color: [f32; 3]) -> 
         shapes: Shapes::Shared(factor),
         strength: Strength::Extinction { masses: vec![mass; count] },
         colors: vec![color; count],
+        harmonics: None,
         normals: None,
         material: Material::UNLIT,
     })
@@ -77,6 +78,7 @@ pub fn surfels(points: &[(Vec3, Vec3)], area: f32, color: [f32; 3], closed: bool
             closed,
         }),
         colors: vec![color; points.len()],
+        harmonics: None,
         normals: Some(points.iter().map(|(_, normal)| *normal).collect()),
         material: Material::UNLIT,
     })
@@ -108,7 +110,7 @@ pub fn sphere(count: usize, radius: f32, color: [f32; 3]) -> Cloud {
         })
         .collect();
     let area = 4.0 * std::f32::consts::PI * radius * radius / count as f32;
-    let mut splats = surfels(&points, area, color, true).splats().clone();
+    let mut splats = surfels(&points, area, color, true).splats();
     if let Strength::Surface(surface) = &mut splats.strength {
         surface.coverage_floor = 0.95;
     }

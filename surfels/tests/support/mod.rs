@@ -13,8 +13,8 @@ pub fn mesh_of(primitive: Primitive, transform: DAffine3) -> Mesh {
     Mesh { primitives: vec![Primitive { primitive_to_mesh: transform, ..primitive }] }
 }
 
-pub fn surface(cloud: &Cloud) -> &Surface {
-    match &cloud.splats().strength {
+pub fn surface(cloud: &Cloud) -> Surface {
+    match cloud.splats().strength {
         Strength::Surface(surface) => surface,
         other => panic!("not a surface: {other:?}"),
     }
@@ -33,7 +33,7 @@ pub fn centers(cloud: &Cloud) -> Vec<DVec3> {
 /// e₁ × e₂ of each surfel's factor, normalised.
 pub fn outward(cloud: &Cloud) -> Vec<DVec3> {
     let normal = |i| {
-        let factor = cloud.splats().shapes.factor(i);
+        let factor = cloud.factor(i);
         factor.x_axis.as_dvec3().cross(factor.y_axis.as_dvec3()).normalize()
     };
     (0..cloud.len()).map(normal).collect()
@@ -83,7 +83,7 @@ impl<'a> Finder<'a> {
             if along.abs() > thickness {
                 return 0.0;
             }
-            let factor = self.cloud.splats().shapes.factor(i);
+            let factor = self.cloud.factor(i);
             let (a, b) = (factor.x_axis.as_dvec3(), factor.y_axis.as_dvec3());
             let n = a.cross(b);
             let d = at + along * normal - self.centers[i];

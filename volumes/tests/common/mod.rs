@@ -60,8 +60,8 @@ pub(crate) fn on_threads<T: Send>(work: impl Fn() -> T + Sync) -> [T; 3] {
 }
 
 /// The surface part of a cloud.
-pub(crate) fn surface(cloud: &Cloud) -> &Surface {
-    match &cloud.splats().strength {
+pub(crate) fn surface(cloud: &Cloud) -> Surface {
+    match cloud.splats().strength {
         Strength::Surface(surface) => surface,
         other => panic!("no surface but {other:?}"),
     }
@@ -71,11 +71,12 @@ pub(crate) fn surface(cloud: &Cloud) -> &Surface {
 pub(crate) fn surfels(cloud: &Cloud) -> Vec<(DVec3, DMat3, DVec3, f64)> {
     let splats = cloud.splats();
     let normals = splats.normals.as_ref().unwrap();
+    let areas = surface(cloud).areas;
     (0..cloud.len())
         .map(|i| {
             let center = cloud.cloud_to_world().transform_point3(splats.centers[i].as_dvec3());
             let factor = splats.shapes.factor(i).as_dmat3();
-            (center, factor, normals[i].as_dvec3(), f64::from(surface(cloud).areas[i]))
+            (center, factor, normals[i].as_dvec3(), f64::from(areas[i]))
         })
         .collect()
 }

@@ -1,0 +1,275 @@
+//! A cloud's splats as the footprint stage reads them: eight at a time, each number in a row of its own.
+
+use crate::cloud::{Harmonics, Material, Shapes, Splats, Strength, Surface};
+use glam::{Mat3, Vec3};
+
+/// Splats of a block.
+pub(crate) const LANES: usize = 8;
+
+/// One number of each splat of a block.
+pub(crate) type Lanes = [f32; LANES];
+
+/// `N` numbers of each splat; splat i is lane i % [`LANES`] of block i / [`LANES`]. The last block is filled up
+/// with its last splat.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Column<const N: usize>(Vec<[Lanes; N]>);
+
+impl<const N: usize> Column<N> {
+    fn new(rows: impl ExactSizeIterator<Item = [f32; N]>) -> Self {
+        let count = rows.len();
+        let mut blocks = vec![[[0.0; LANES]; N]; count.div_ceil(LANES)];
+        for (index, row) in rows.enumerate() {
+            let last = if index + 1 == count { LANES } else { index % LANES + 1 };
+            for (lanes, value) in blocks[index / LANES].iter_mut().zip(row) {
+                lanes[index % LANES..last].fill(value);
+            }
+        }
+        Self(blocks)
+    }
+
+    /// The numbers of splats 8 · block up to 8 · block + 7.
+    #[inline(always)]
+    pub(crate) fn block(&self, block: usize) -> &[Lanes; N] {
+        &self.0[block]
+    }
+
+    /// The numbers of one splat.
+    pub(crate) fn row(&self, index: usize) -> [f32; N] {
+        let block = &self.0[index / LANES];
+        std::array::from_fn(|i| block[i][index % LANES])
+    }
+}
+
+/// Covariance factors, by columns.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Factors {
+    Shared(Mat3),
+    Each(Column<9>),
+}
+
+/// What the strengths of a cloud mean.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Kind {
+    /// Masses.
+    Extinction,
+    /// Peak opacities.
+    Opacity,
+    /// Areas.
+    Surface(SurfaceKind),
+}
+
+/// What the splats of a surface share; see [`Surface`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SurfaceKind {
+    pub(crate) depth_tolerance: f32,
+    pub(crate) coverage_floor: f32,
+    pub(crate) closed: bool,
+}
+
+/// The checked arrays of a cloud.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Columns {
+    pub(crate) len: usize,
+    pub(crate) centers: Column<3>,
+    pub(crate) factors: Factors,
+    pub(crate) kind: Kind,
+    /// Masses, peak opacities or areas.
+    pub(crate) strengths: Column<1>,
+    /// Opacities of a surface; `None` is opaque.
+    pub(crate) opacities: Option<Column<1>>,
+    pub(crate) colors: Column<3>,
+    pub(crate) harmonics: Option<PackedHarmonics>,
+    pub(crate) normals: Option<Column<3>>,
+    pub(crate) material: Material,
+}
+
+impl Columns {
+    pub(crate) fn new(splats: &Splats) -> Self {
+        let single = |values: &[f32]| Column::new(values.iter().map(|v| [*v]));
+        let (kind, strengths, opacities) = match &splats.strength {
+            Strength::Extinction { masses } => (Kind::Extinction, masses, None),
+            Strength::Opacity { peaks } => (Kind::Opacity, peaks, None),
+            Strength::Surface(surface) => {
+                let Surface { depth_tolerance, coverage_floor, closed, .. } = *surface;
+                let shared = SurfaceKind { depth_tolerance, coverage_floor, closed };
+                (Kind::Surface(shared), &surface.areas, surface.opacities.as_deref().map(single))
+            }
+        };
+        Self {
+            len: splats.centers.len(),
+            centers: Column::new(splats.centers.iter().map(|p| p.to_array())),
+            factors: match &splats.shapes {
+                Shapes::Shared(factor) => Factors::Shared(*factor),
+                Shapes::Each(factors) => {
+                    Factors::Each(Column::new(factors.iter().map(|f| f.to_cols_array())))
+                }
+            },
+            kind,
+            strengths: single(strengths),
+            opacities,
+            colors: Column::new(splats.colors.iter().copied()),
+            harmonics: splats.harmonics.as_ref().map(PackedHarmonics::new),
+            normals: splats.normals.as_ref().map(|n| Column::new(n.iter().map(|n| n.to_array()))),
+            material: splats.material,
+        }
+    }
+
+    pub(crate) fn center(&self, index: usize) -> Vec3 {
+        self.centers.row(index).into()
+    }
+
+    pub(crate) fn factor(&self, index: usize) -> Mat3 {
+        match &self.factors {
+            Factors::Shared(factor) => *factor,
+            Factors::Each(factors) => Mat3::from_cols_array(&factors.row(index)),
+        }
+    }
+
+    pub(crate) fn strength(&self, index: usize) -> f32 {
+        self.strengths.row(index)[0]
+    }
+
+    /// Opacity of a surface.
+    pub(crate) fn opacity(&self, index: usize) -> f32 {
+        self.opacities.as_ref().map_or(1.0, |opacities| opacities.row(index)[0])
+    }
+
+    pub(crate) fn color(&self, index: usize) -> [f32; 3] {
+        self.colors.row(index)
+    }
+
+    pub(crate) fn normal(&self, index: usize) -> Vec3 {
+        self.normals.as_ref().map_or(Vec3::ZERO, |normals| normals.row(index).into())
+    }
+
+    /// The arrays as they were given; coefficients of harmonics as they were rounded.
+    pub(crate) fn splats(&self) -> Splats {
+        let singles = |column: &Column<1>| (0..self.len).map(|i| column.row(i)[0]).collect();
+        let strengths = singles(&self.strengths);
+        Splats {
+            centers: (0..self.len).map(|i| self.center(i)).collect(),
+            shapes: match &self.factors {
+                Factors::Shared(factor) => Shapes::Shared(*factor),
+                Factors::Each(_) => Shapes::Each((0..self.len).map(|i| self.factor(i)).collect()),
+            },
+            strength: match self.kind {
+                Kind::Extinction => Strength::Extinction { masses: strengths },
+                Kind::Opacity => Strength::Opacity { peaks: strengths },
+                Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, closed }) => {
+                    Strength::Surface(Surface {
+                        areas: strengths,
+                        opacities: self.opacities.as_ref().map(singles),
+                        depth_tolerance,
+                        coverage_floor,
+                        closed,
+                    })
+                }
+            },
+            colors: (0..self.len).map(|i| self.color(i)).collect(),
+            harmonics: self.harmonics.as_ref().map(|harmonics| harmonics.unpacked(self.len)),
+            normals: self.normals.as_ref().map(|_| (0..self.len).map(|i| self.normal(i)).collect()),
+            material: self.material,
+        }
+    }
+}
+
+/// Coefficients of [`Harmonics`] in 16 bits: integers times one unit, so each is off by at most half of that,
+/// 1.6e-5 of the largest one. At degree 3 a splat takes 96 bytes instead of 180, and reading them is what
+/// evaluating costs.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct PackedHarmonics {
+    degree: u8,
+    pub(crate) unit: f32,
+    /// Pairs of coefficients of one channel, the first of a pair in the low half; of each block red's pairs
+    /// come first, then green's, then blue's.
+    pairs: Vec<[u32; LANES]>,
+}
+
+impl PackedHarmonics {
+    fn new(harmonics: &Harmonics) -> Self {
+        let Harmonics { degree, coefficients } = harmonics;
+        let per_splat = harmonics.per_splat();
+        let largest = coefficients.iter().flatten().fold(0.0, |largest: f32, c| largest.max(c.abs()));
+        let unit = if largest > 0.0 { largest / f32::from(i16::MAX) } else { 1.0 };
+        let mut packed = Self { degree: *degree, unit, pairs: Vec::new() };
+        let count = coefficients.len() / per_splat;
+        packed.pairs = vec![[0; LANES]; count.div_ceil(LANES) * packed.pairs_per_block()];
+        for (index, splat) in coefficients.chunks_exact(per_splat).enumerate() {
+            let start = index / LANES * packed.pairs_per_block();
+            for (number, color) in splat.iter().enumerate() {
+                for (channel, value) in color.iter().enumerate() {
+                    let rounded = (value / unit).round() as i16;
+                    let pair = start + channel * packed.pairs_per_channel() + number / 2;
+                    packed.pairs[pair][index % LANES] |= u32::from(rounded as u16) << (number % 2 * 16);
+                }
+            }
+        }
+        packed
+    }
+
+    /// Highest degree, from 1 to 3.
+    pub(crate) fn degree(&self) -> u8 {
+        self.degree
+    }
+
+    pub(crate) fn pairs_per_channel(&self) -> usize {
+        Harmonics::count(self.degree).div_ceil(2)
+    }
+
+    fn pairs_per_block(&self) -> usize {
+        3 * self.pairs_per_channel()
+    }
+
+    /// The pairs of splats 8 · block up to 8 · block + 7.
+    #[inline(always)]
+    pub(crate) fn block(&self, block: usize) -> &[[u32; LANES]] {
+        let count = self.pairs_per_block();
+        &self.pairs[block * count..][..count]
+    }
+
+    /// The coefficients of one splat.
+    pub(crate) fn row(&self, index: usize) -> impl Iterator<Item = [f32; 3]> + '_ {
+        let block = self.block(index / LANES);
+        (0..Harmonics::count(self.degree)).map(move |number| {
+            std::array::from_fn(|channel| {
+                let pair = block[channel * self.pairs_per_channel() + number / 2][index % LANES];
+                f32::from((pair >> (number % 2 * 16)) as u16 as i16) * self.unit
+            })
+        })
+    }
+
+    fn unpacked(&self, len: usize) -> Harmonics {
+        Harmonics { degree: self.degree, coefficients: (0..len).flat_map(|i| self.row(i)).collect() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_goes_in_comes_out() {
+        for count in [0, 1, 8, 13] {
+            let number = |i: usize| i as f32;
+            let splats = Splats {
+                centers: (0..count).map(|i| Vec3::new(number(i), 1.0, -number(i))).collect(),
+                shapes: Shapes::Each((0..count).map(|i| Mat3::IDENTITY * number(i)).collect()),
+                strength: Strength::Opacity { peaks: (0..count).map(|i| number(i) / 16.0).collect() },
+                colors: (0..count).map(|i| [number(i), 0.5, 0.25]).collect(),
+                harmonics: Some(Harmonics {
+                    degree: 2,
+                    coefficients: (0..count * 8).map(|i| [number(i) - 3.0, 1.0, -number(i)]).collect(),
+                }),
+                normals: None,
+                material: Material::default(),
+            };
+            let back = Columns::new(&splats).splats();
+            let (before, after) = (splats.harmonics.as_ref().unwrap(), back.harmonics.as_ref().unwrap());
+            let largest = number(count * 8);
+            for (a, b) in before.coefficients.iter().flatten().zip(after.coefficients.iter().flatten()) {
+                assert!((a - b).abs() <= largest * 1.6e-5, "{a} came back as {b}");
+            }
+            assert_eq!(Splats { harmonics: None, ..back }, Splats { harmonics: None, ..splats });
+        }
+    }
+}
