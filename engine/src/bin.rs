@@ -1,79 +1,136 @@
-//! Stage `bin`: sorted records to a list for each tile, in the same order.
+//! Stage `bin`: records to a list for each tile, in the order they come in.
+//!
+//! A counting sort: every thread counts, tile by tile, the records of its share of the order, then puts them behind
+//! those of the shares before. As in [`crate::order`], entries are stored each to a place of its own.
 
 use crate::footprint::Rect;
 use rayon::prelude::*;
-use std::ops::Range;
-
-/// Side of a tile in pixels.
-pub(crate) const TILE: usize = 16;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 
 /// Lists of record indices, one a tile, rows of tiles from top to bottom.
+#[derive(Default)]
 pub(crate) struct TileLists {
-    /// Tiles in a row.
-    pub(crate) columns: usize,
-    /// Rows of tiles.
-    pub(crate) rows: usize,
-    bands: Vec<Band>,
-    rows_per_band: usize,
+    /// Tiles in a row, and rows.
+    pub(crate) tiles: [usize; 2],
+    starts: Vec<u32>,
+    /// For each share and tile: first counts, then where its next entry goes.
+    counts: Vec<u32>,
+    entries: Vec<AtomicU32>,
 }
 
-/// The lists of consecutive rows of tiles.
-struct Band {
-    starts: Vec<usize>,
-    entries: Vec<u32>,
+/// The tiles that a rectangle touches: first and last column, first and last row, 16 bits each.
+#[inline(always)]
+fn packed(rect: &Rect, side: u16) -> u64 {
+    let [left, top] = rect.min.map(|x| u64::from(x / side));
+    let [right, bottom] = rect.max.map(|x| u64::from((x - 1) / side));
+    left | right << 16 | top << 32 | bottom << 48
+}
+
+#[inline(always)]
+fn for_each_tile(packed: u64, columns: usize, mut visit: impl FnMut(usize)) {
+    let part = |shift: u32| (packed >> shift) as usize & 0xffff;
+    for row in part(32)..=part(48) {
+        for column in part(0)..=part(16) {
+            visit(row * columns + column);
+        }
+    }
 }
 
 impl TileLists {
-    /// Counts and places every record into the tiles that its rectangle touches; `order` decides the order
-    /// within a tile. A thread takes a band of rows and walks all records, so nothing depends on timing.
-    pub(crate) fn new(size: [u32; 2], order: &[u32], rects: &[Rect]) -> Self {
-        let [columns, rows] = size.map(|side| (side as usize).div_ceil(TILE));
-        let rows_per_band = rows.div_ceil(rayon::current_num_threads()).max(1);
-        let bands = (0..rows.div_ceil(rows_per_band))
-            .into_par_iter()
-            .map(|band| {
-                let first = band * rows_per_band;
-                Band::new(columns, first..rows.min(first + rows_per_band), order, rects)
-            })
-            .collect();
-        Self { columns, rows, bands, rows_per_band }
+    /// Lists the records whose indices are the low halves of `order`; rectangles are not empty. `scratch` is as
+    /// long as `order`.
+    pub(crate) fn fill(
+        &mut self,
+        (size, side): ([u32; 2], usize),
+        order: &[AtomicU64],
+        rects: &[Rect],
+        scratch: &[AtomicU64],
+    ) {
+        let tiles = size.map(|length| (length as usize).div_ceil(side));
+        let (columns, count) = (tiles[0], tiles[0] * tiles[1]);
+        let shares = rayon::current_num_threads().max(1);
+        let share_of = |share: usize| share * order.len() / shares..(share + 1) * order.len() / shares;
+        self.tiles = tiles;
+        self.counts.clear();
+        self.counts.resize(shares * count, 0);
+        self.counts.par_chunks_mut(count).enumerate().for_each(|(share, counts)| {
+            for (entry, kept) in order[share_of(share)].iter().zip(&scratch[share_of(share)]) {
+                // Rectangles are read once, from all over; the second time they are in order.
+                let touched = packed(&rects[entry.load(Relaxed) as u32 as usize], side as u16);
+                kept.store(touched, Relaxed);
+                for_each_tile(touched, columns, |tile| counts[tile] += 1);
+            }
+        });
+        self.starts.clear();
+        let mut next = 0;
+        for tile in 0..count {
+            self.starts.push(next);
+            for share in 0..shares {
+                let count = &mut self.counts[share * count + tile];
+                (*count, next) = (next, next + *count);
+            }
+        }
+        self.starts.push(next);
+        let room = self.entries.len().max(next as usize);
+        self.entries.resize_with(room, AtomicU32::default);
+        let entries = &self.entries;
+        self.counts.par_chunks_mut(count).enumerate().for_each(|(share, next)| {
+            for (entry, kept) in order[share_of(share)].iter().zip(&scratch[share_of(share)]) {
+                let index = entry.load(Relaxed) as u32;
+                for_each_tile(kept.load(Relaxed), columns, |tile| {
+                    entries[next[tile] as usize].store(index, Relaxed);
+                    next[tile] += 1;
+                });
+            }
+        });
     }
 
     /// The records of a tile.
-    pub(crate) fn tile(&self, column: usize, row: usize) -> &[u32] {
-        let band = &self.bands[row / self.rows_per_band];
-        let index = (row % self.rows_per_band) * self.columns + column;
-        &band.entries[band.starts[index]..band.starts[index + 1]]
+    pub(crate) fn tile(&self, tile: usize) -> &[AtomicU32] {
+        &self.entries[self.starts[tile] as usize..self.starts[tile + 1] as usize]
+    }
+
+    /// Entries of all lists.
+    pub(crate) fn len(&self) -> usize {
+        self.starts.last().map_or(0, |end| *end as usize)
     }
 }
 
-impl Band {
-    fn new(columns: usize, rows: Range<usize>, order: &[u32], rects: &[Rect]) -> Self {
-        let tiles = |rect: &Rect| {
-            let top = (rect.min[1] as usize / TILE).max(rows.start);
-            let bottom = (rect.max[1] as usize).div_ceil(TILE).min(rows.end);
-            let (left, right) = (rect.min[0] as usize / TILE, (rect.max[0] as usize).div_ceil(TILE));
-            let first_row = rows.start;
-            (top..bottom.max(top))
-                .flat_map(move |row| (left..right).map(move |c| (row - first_row) * columns + c))
-        };
-        let mut starts = vec![0_usize; columns * rows.len() + 1];
-        for index in order {
-            for tile in tiles(&rects[*index as usize]) {
-                starts[tile + 1] += 1;
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn lists_what_touches_a_tile_in_order(
+            rects in prop::collection::vec((0..100_u16, 0..70_u16, 1..60_u16, 1..60_u16), 0..200),
+            side in prop_oneof![Just(8_usize), Just(16), Just(32)],
+            threads in 1..5_usize,
+        ) {
+            let size = [100, 70];
+            let rects: Vec<Rect> = rects
+                .into_iter()
+                .map(|(x, y, w, h)| Rect { min: [x, y], max: [(x + w).min(100), (y + h).min(70)] })
+                .collect();
+            let order: Vec<AtomicU64> = (0..rects.len() as u64).rev().map(AtomicU64::new).collect();
+            let scratch: Vec<AtomicU64> = order.iter().map(|_| AtomicU64::new(0)).collect();
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let mut lists = TileLists::default();
+            pool.install(|| lists.fill((size, side), &order, &rects, &scratch));
+            let [columns, rows] = lists.tiles;
+            for tile in 0..columns * rows {
+                let low = [tile % columns * side, tile / columns * side];
+                let touches = |i: &u32| {
+                    let Rect { min, max } = rects[*i as usize];
+                    (0..2).all(|a| (min[a] as usize) < low[a] + side && max[a] as usize > low[a])
+                };
+                let expected: Vec<u32> = (0..rects.len() as u32).rev().filter(touches).collect();
+                let found: Vec<u32> = lists.tile(tile).iter().map(|entry| entry.load(Relaxed)).collect();
+                prop_assert_eq!(found, expected);
             }
         }
-        for tile in 1..starts.len() {
-            starts[tile] += starts[tile - 1];
-        }
-        let mut next = starts.clone();
-        let mut entries = vec![0; starts[starts.len() - 1]];
-        for index in order {
-            for tile in tiles(&rects[*index as usize]) {
-                entries[next[tile]] = *index;
-                next[tile] += 1;
-            }
-        }
-        Self { starts, entries }
     }
 }

@@ -1,151 +1,456 @@
 //! Stage `composite`: fragments to runs. Between cuts things add, cuts fold with *over*.
+//!
+//! Order `Centers`: every splat is closed before the next opens. What is behind an opaque cut is left out, a kernel
+//! between two cuts belongs to one run, and only where a cut goes through a kernel is it shared out between runs.
 
-use crate::bin::TILE;
-use crate::exponential::opacity;
-use crate::footprint::Records;
-use crate::layers::{Cuts, MAX_LAYERS};
-use crate::raster::{Fragment, Fragments};
-use glam::Vec4;
+use crate::columns::{LANES, Lanes};
+use crate::footprint::{Form, Kind, Lens, Record, Rect};
+use crate::layers::Cuts;
+use crate::raster::{ExactRows, Recurrence, StripRows, ray_lengths};
+use crate::simd::*;
+use crate::tile::{BLOCK_ROWS, Cell, MAX_SIDE, Tile};
+use std::ops::Range;
+use std::sync::atomic::{AtomicU32, Ordering};
 
-/// A surface layer at a pixel.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// A surface layer at eight pixels side by side.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(32))]
 pub(crate) struct Cut {
-    pub(crate) depth: f32,
-    pub(crate) alpha: f32,
+    /// ∞ where there is none.
+    pub(crate) depth: Lanes,
+    /// The opacity with which it is composited.
+    pub(crate) alpha: Lanes,
     /// Base colour in the blend space; shaded when the pixel is resolved.
-    pub(crate) color: [f32; 3],
-    /// Unit normal in camera space.
-    pub(crate) normal: [f32; 3],
-    /// The front-most splat.
-    pub(crate) id: u32,
-    /// Its cloud, whose material shades the layer.
-    pub(crate) cloud: u16,
+    pub(crate) color: [Lanes; 3],
+    /// Unit normal in camera space, on the side that is seen.
+    pub(crate) normal: [Lanes; 3],
+    /// The front-most record, whose cloud's material shades the layer; [`Cut::NO_RECORD`] where there is none.
+    pub(crate) record: [u32; LANES],
 }
 
-/// What a stretch of a ray sends towards the camera and lets through. Composition is associative.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Run {
-    /// Red, green, blue, each times its contribution, and z times its contribution.
-    pub(crate) color_and_depth: Vec4,
-    /// What does not pass. Kept instead of the transmittance, of which 1 − α loses the thinnest media.
-    pub(crate) opacity: f32,
+impl Cut {
+    pub(crate) const NO_RECORD: u32 = u32::MAX;
+
+    /// No surface.
+    pub(crate) const NONE: Self = Self {
+        depth: [f32::INFINITY; LANES],
+        alpha: [0.0; LANES],
+        color: [[0.0; LANES]; 3],
+        normal: [[0.0; LANES]; 3],
+        record: [Self::NO_RECORD; LANES],
+    };
 }
 
-impl Run {
-    /// Nothing there.
-    pub(crate) const CLEAR: Self = Self { color_and_depth: Vec4::ZERO, opacity: 0.0 };
-
-    /// A run that sends `color` from depth z with opacity `alpha`.
-    pub(crate) fn layer(color: [f32; 3], depth: f32, alpha: f32) -> Self {
-        let [red, green, blue] = color;
-        let color_and_depth = Vec4::new(red, green, blue, depth) * alpha;
-        Self { color_and_depth, opacity: alpha }
-    }
-
-    /// This run in front of another: (C, T)∘(C', T') = (C + T·C', T·T').
-    #[inline(always)]
-    #[must_use]
-    pub(crate) fn over(self, behind: Self) -> Self {
-        let transmittance = 1.0 - self.opacity;
-        Self {
-            color_and_depth: self.color_and_depth + behind.color_and_depth * transmittance,
-            opacity: self.opacity + behind.opacity * transmittance,
-        }
-    }
-}
-
-/// The runs of a tile: the segments between a pixel's cuts, near to far.
+/// The runs of a tile: for each segment between cuts, near to far, its cells.
 pub(crate) struct Runs {
-    runs: Vec<Run>,
+    segments: Vec<Vec<Cell>>,
 }
-
-const SEGMENTS: usize = MAX_LAYERS + 1;
 
 impl Runs {
     pub(crate) fn new() -> Self {
-        Self { runs: vec![Run::CLEAR; TILE * TILE * SEGMENTS] }
+        Self { segments: Vec::new() }
     }
 
-    pub(crate) fn clear(&mut self) {
-        self.runs.fill(Run::CLEAR);
+    /// Clears as many segments as the cuts make.
+    fn clear(&mut self, tile: Tile, segments: usize) {
+        self.segments.resize_with(segments.max(self.segments.len()), Vec::new);
+        for cells in &mut self.segments[..segments] {
+            cells.clear();
+            cells.resize(Tile::cells(tile.side), Cell::CLEAR);
+        }
+        // What lies beside the picture is done.
+        for strip in (0..tile.strips()).filter(|strip| tile.columns(*strip) < 8) {
+            for cell in &mut self.segments[0][tile.strip(strip)] {
+                cell.opacity[tile.columns(strip)..].fill(1.0);
+            }
+        }
     }
 
-    /// The runs of a pixel; run j lies in front of cut j.
-    pub(crate) fn of(&self, pixel: usize) -> &[Run] {
-        &self.runs[pixel * SEGMENTS..][..SEGMENTS]
+    /// What a cell's pixels send and let through in a segment.
+    pub(crate) fn cell(&self, segment: usize, cell: usize) -> &Cell {
+        &self.segments[segment][cell]
+    }
+}
+
+/// The rows of each strip that still see something in the first segment.
+struct OpenRows([Range<usize>; MAX_SIDE / 8]);
+
+impl OpenRows {
+    fn all(tile: Tile) -> Self {
+        Self(std::array::from_fn(|_| 0..tile.size[1]))
     }
 
-    /// Whether nothing behind what is there already can be seen, in the `pixels` of a tile.
-    pub(crate) fn all_spent(&self, pixels: impl Iterator<Item = usize>, spent: f32) -> bool {
-        let mut pixels = pixels;
-        pixels.all(|pixel| self.runs[pixel * SEGMENTS].opacity >= 1.0 - spent)
+    /// Closes rows at the ends whose pixels are all opaque to `spent`; says whether any are left.
+    #[inline(always)]
+    fn update<S: Simd>(&mut self, simd: S, tile: Tile, cells: &[Cell], spent: f32) -> bool {
+        let is_open = |strip: usize, row: usize| {
+            let opacity = V::simd_from(simd, cells[strip * tile.side + row].opacity);
+            opacity.simd_lt(splat(simd, 1.0 - spent)).any_true()
+        };
+        let mut any = false;
+        for (strip, rows) in self.0[..tile.strips()].iter_mut().enumerate() {
+            while rows.start < rows.end && !is_open(strip, rows.start) {
+                rows.start += 1;
+            }
+            while rows.start < rows.end && !is_open(strip, rows.end - 1) {
+                rows.end -= 1;
+            }
+            any |= rows.start < rows.end;
+        }
+        any
     }
 }
 
 /// Adds fragments to runs.
 pub(crate) struct Compositor<'a> {
-    pub(crate) records: &'a Records,
+    pub(crate) records: &'a [Record],
+    pub(crate) rects: &'a [Rect],
+    pub(crate) lens: Lens,
+    pub(crate) cutoff: f32,
     pub(crate) near: f32,
     pub(crate) spent: f32,
+    /// e^{−ρ/2} at the cut-off ρ.
+    pub(crate) least_weight: f32,
+    /// `Opacity` kernels end where they fall below this.
+    pub(crate) least_alpha: f32,
 }
 
-impl Compositor<'_> {
-    /// Order `Centers`: every splat is closed before the next opens.
-    pub(crate) fn add(&self, fragments: &Fragments, cuts: &Cuts, runs: &mut Runs) {
-        let mut start = 0;
-        for (index, end) in &fragments.splats {
-            let color = self.records.records[*index as usize].color;
-            for fragment in &fragments.fragments[start..*end] {
-                let pixel = fragment.pixel as usize;
-                let runs = &mut runs.runs[pixel * SEGMENTS..][..SEGMENTS];
-                self.add_fragment(fragment, color, cuts.of(pixel), runs);
-            }
-            start = *end;
-        }
-    }
-
-    #[inline(always)]
-    fn add_fragment(&self, fragment: &Fragment, color: [f32; 3], cuts: &[Cut], runs: &mut [Run]) {
-        if runs[0].opacity >= 1.0 - self.spent {
-            return;
-        }
-        let reach = REACH * fragment.sigma_z;
-        let (nearest, farthest) = (fragment.depth - reach, fragment.depth + reach);
-        let mut from = self.near;
-        for (segment, run) in runs[..=cuts.len()].iter_mut().enumerate() {
-            let cut = cuts.get(segment);
-            let to = cut.map_or(f32::INFINITY, |cut| cut.depth);
-            if farthest > from && nearest < to {
-                let whole = nearest >= from && farthest <= to;
-                let share = if whole { 1.0 } else { fragment.share(from, to) };
-                let alpha = opacity(share * fragment.optical_depth);
-                *run = run.over(Run::layer(color, fragment.depth.clamp(from, to), alpha));
-            }
-            if farthest <= to || cut.is_some_and(|cut| cut.alpha >= 1.0) {
-                return;
-            }
-            from = to;
-        }
-    }
-}
+/// After so many records the tile is asked whether it still sees anything.
+const RECORDS_A_CHECK: usize = 32;
 
 /// Beyond this many σ_z a kernel has 6e-5 of its mass, which counts as none.
 const REACH: f32 = 4.0;
 
-impl Fragment {
-    /// The share of the kernel between two depths: Φ((to − z)/σ_z) − Φ((from − z)/σ_z).
-    fn share(&self, from: f32, to: f32) -> f32 {
-        if self.sigma_z <= 0.0 {
-            return f32::from(u8::from(self.depth >= from && self.depth < to));
-        }
-        let below = |z: f32| {
-            if z == f32::INFINITY { 1.0 } else { normal_cdf((z - self.depth) / self.sigma_z) }
-        };
-        (below(to) - below(from)).max(0.0)
+/// The narrowest filter, in squared pixels, under which [`Recurrence`] holds.
+const RECURRENCE_LOW_PASS: f64 = 0.3 - 1e-9;
+
+/// One record on one strip of a tile.
+struct Strip<'a> {
+    record: &'a Record,
+    tile: Tile,
+    strip: usize,
+    rows: Range<usize>,
+}
+
+impl Strip<'_> {
+    /// Offsets of the first row's pixels from the record's mean.
+    #[inline(always)]
+    fn offsets<S: Simd>(&self, simd: S) -> (V<S>, f32) {
+        let x = (self.tile.origin[0] + self.strip * 8) as f32 + 0.5 - self.record.mean[0];
+        let y = (self.tile.origin[1] + self.rows.start) as f32 + 0.5 - self.record.mean[1];
+        (lane_numbers(simd) + x, y)
+    }
+
+    fn cells(&self) -> Range<usize> {
+        let first = self.strip * self.tile.side;
+        first + self.rows.start..first + self.rows.end
     }
 }
 
-/// Φ(x), to the precision of f32.
-fn normal_cdf(x: f32) -> f32 {
-    0.5 * libm::erfcf(-x * std::f32::consts::FRAC_1_SQRT_2)
+/// α as a polynomial of w = e^{−r/2}, without constant term, or the way from optical depth to opacity.
+#[derive(Clone, Copy)]
+enum Alpha {
+    /// c₀w: opacities.
+    Peak(f32),
+    /// Optical depths up to ¼, to 2e-5 of themselves.
+    Thin([f32; 3]),
+    /// Optical depths up to 1, to 3e-6 of themselves.
+    Medium([f32; 5]),
+    /// Any optical depth.
+    Thick(f32),
+}
+
+impl Alpha {
+    #[inline(always)]
+    fn new(record: &Record) -> Self {
+        // (1 − e^{−t})/t on [0, ¼] and [0, 1]; relative minimax.
+        const THIN: [f32; 3] = [0.999_980_4, -0.498_614_63, 0.151_798_94];
+        const MEDIUM: [f32; 5] = [0.999_997_76, -0.499_894_22, 0.165_839_5, -0.039_332_894, 0.005_511_83];
+        let peak = record.amplitude;
+        let scaled = |c: f32, power: i32| c * peak.powi(power + 1);
+        match record.tag.kind {
+            Kind::Opacity => Self::Peak(peak),
+            _ if peak <= 0.25 => Self::Thin([0, 1, 2].map(|i| scaled(THIN[i], i as i32))),
+            _ if peak <= 1.0 => Self::Medium([0, 1, 2, 3, 4].map(|i| scaled(MEDIUM[i], i as i32))),
+            _ => Self::Thick(peak),
+        }
+    }
+}
+
+impl Compositor<'_> {
+    /// Clears the runs and adds the records of a tile's list, which come from near to far. Gives the number of
+    /// pixels that were evaluated.
+    #[inline(always)]
+    pub(crate) fn add<S: Simd, const DEPTH: bool>(
+        &self,
+        simd: S,
+        (tile, list): (Tile, &[AtomicU32]),
+        cuts: &Cuts,
+        runs: &mut Runs,
+    ) -> u64 {
+        runs.clear(tile, cuts.segments());
+        let mut open = OpenRows::all(tile);
+        let mut lanes = 0;
+        for (number, entry) in list.iter().enumerate() {
+            if number % RECORDS_A_CHECK == 0 && !open.update(simd, tile, &runs.segments[0], self.spent) {
+                break;
+            }
+            let index = entry.load(Ordering::Relaxed) as usize;
+            let record = &self.records[index];
+            let nearest = self.nearest(record, tile);
+            if cuts.hide(nearest) {
+                continue;
+            }
+            // Neither cuts nor the near plane can go through it.
+            let is_whole = cuts.is_empty() && nearest > self.near;
+            let alpha = Alpha::new(record);
+            for (strip, rows) in
+                StripRows::new(simd, record, &self.rects[index], tile, self.cutoff).into_iter()
+            {
+                let rows = rows.start.max(open.0[strip].start)..rows.end.min(open.0[strip].end);
+                if rows.is_empty() {
+                    continue;
+                }
+                lanes += 8 * rows.len();
+                let strip = Strip { record, tile, strip, rows };
+                if is_whole {
+                    self.plain::<S, DEPTH>(simd, &strip, alpha, &mut runs.segments[0]);
+                } else {
+                    self.between_cuts::<S, DEPTH>(simd, strip, (alpha, cuts), runs);
+                }
+            }
+        }
+        lanes as u64
+    }
+
+    /// The record lies behind this depth in the whole tile, to [`REACH`] σ_z.
+    #[inline(always)]
+    fn nearest(&self, record: &Record, tile: Tile) -> f32 {
+        if record.tag.form == Form::Exact {
+            // Its depth is no linear function; there are few such records.
+            return f32::NEG_INFINITY;
+        }
+        let rises = [0, 1].map(|axis| {
+            let first = tile.origin[axis] as f32 - record.mean[axis];
+            let slope = record.depth_slope[axis];
+            (slope * first).min(slope * (first + tile.side as f32))
+        });
+        record.depth + rises[0] + rises[1] - REACH * record.sigma_z
+    }
+
+    /// Block by block: a record before a block's cuts adds to the first run, one behind what is opaque to none.
+    #[inline(always)]
+    fn between_cuts<S: Simd, const DEPTH: bool>(
+        &self,
+        simd: S,
+        whole: Strip,
+        (alpha, cuts): (Alpha, &Cuts),
+        runs: &mut Runs,
+    ) {
+        let Strip { record, tile, strip, rows } = whole;
+        let mut start = rows.start;
+        while start < rows.end {
+            let block = start / BLOCK_ROWS;
+            let end = rows.end.min((block + 1) * BLOCK_ROWS);
+            let part = Strip { record, tile, strip, rows: start..end };
+            start = end;
+            let [nearest, farthest] = self.depth_range(&part);
+            let bounds = cuts.block(tile, strip, block);
+            if nearest > bounds.hidden {
+                continue;
+            }
+            if farthest < bounds.nearest && nearest > self.near {
+                self.plain::<S, DEPTH>(simd, &part, alpha, &mut runs.segments[0]);
+            } else {
+                self.shared::<S, DEPTH>(simd, &part, (cuts, bounds.segments), runs);
+            }
+        }
+    }
+
+    /// Within which depths the record lies in the pixels of a block, to ±[`REACH`] σ_z.
+    #[inline(always)]
+    fn depth_range(&self, part: &Strip) -> [f32; 2] {
+        let record = part.record;
+        if record.tag.form == Form::Exact {
+            return [f32::NEG_INFINITY, f32::INFINITY];
+        }
+        let middle = [
+            (part.tile.origin[0] + part.strip * 8 + 4) as f32 - record.mean[0],
+            (part.tile.origin[1] + part.rows.start / BLOCK_ROWS * BLOCK_ROWS + 4) as f32 - record.mean[1],
+        ];
+        let [x, y] = record.depth_slope;
+        let depth = record.depth + x * middle[0] + y * middle[1];
+        let reach = 3.5 * (x.abs() + y.abs()) + REACH * record.sigma_z;
+        [depth - reach, depth + reach]
+    }
+
+    /// Adds a record to one run.
+    #[inline(always)]
+    fn plain<S: Simd, const DEPTH: bool>(&self, simd: S, strip: &Strip, alpha: Alpha, cells: &mut [Cell]) {
+        if strip.record.tag.form == Form::Exact || self.lens.low_pass.powi(2) < RECURRENCE_LOW_PASS {
+            return self.rows::<S, DEPTH>(simd, strip, cells);
+        }
+        // w² and so on; a loop of fixed length for each kind.
+        match alpha {
+            Alpha::Peak(peak) => {
+                self.recurrence::<S, DEPTH>(
+                    simd,
+                    strip,
+                    cells,
+                    #[inline(always)]
+                    |w| w * peak,
+                );
+            }
+            Alpha::Thin([a, b, c]) => {
+                let [a, b, c] = [a, b, c].map(|x| splat(simd, x));
+                self.recurrence::<S, DEPTH>(
+                    simd,
+                    strip,
+                    cells,
+                    #[inline(always)]
+                    |w| w * w.mul_add(w.mul_add(c, b), a),
+                );
+            }
+            Alpha::Medium(coefficients) => {
+                let [a, b, c, d, e] = coefficients.map(|x| splat(simd, x));
+                self.recurrence::<S, DEPTH>(
+                    simd,
+                    strip,
+                    cells,
+                    #[inline(always)]
+                    |w| w * w.mul_add(w.mul_add(w.mul_add(w.mul_add(e, d), c), b), a),
+                );
+            }
+            Alpha::Thick(peak) => {
+                self.recurrence::<S, DEPTH>(
+                    simd,
+                    strip,
+                    cells,
+                    #[inline(always)]
+                    |w| opacity(simd, w * peak),
+                );
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn recurrence<S: Simd, const DEPTH: bool>(
+        &self,
+        simd: S,
+        strip: &Strip,
+        cells: &mut [Cell],
+        alpha: impl Fn(V<S>) -> V<S>,
+    ) {
+        let record = strip.record;
+        let least = match record.tag.kind {
+            Kind::Opacity => self.least_alpha / record.amplitude,
+            _ => 0.0,
+        };
+        let threshold = splat(simd, self.least_weight.max(least));
+        let color = splat3(simd, record.color);
+        let (u, mut v) = strip.offsets(simd);
+        let [slope_x, slope_y] = record.depth_slope;
+        let rows_a_start = Recurrence::<S>::rows_a_start(record, self.cutoff);
+        for cells in cells[strip.cells()].chunks_mut(rows_a_start) {
+            let mut w = Recurrence::new(simd, record, u, v);
+            let mut depth = u.mul_add(splat(simd, slope_x), splat(simd, record.depth + slope_y * v));
+            v += cells.len() as f32;
+            for cell in cells {
+                let kept = keep(simd, w.value.simd_ge(threshold), w.value);
+                blend::<S, DEPTH>(simd, cell, alpha(kept), (color, depth));
+                w.step();
+                if DEPTH {
+                    depth += slope_y;
+                }
+            }
+        }
+    }
+
+    /// As [`Self::recurrence`], for any form.
+    #[inline(always)]
+    fn rows<S: Simd, const DEPTH: bool>(&self, simd: S, strip: &Strip, cells: &mut [Cell]) {
+        let color = splat3(simd, strip.record.color);
+        let formula = self.formula(simd, strip);
+        for (row, cell) in cells[strip.cells()].iter_mut().enumerate() {
+            let [strength, depth, _] = formula(row as f32);
+            let alpha = match strip.record.tag.kind {
+                Kind::Opacity => strength,
+                _ => opacity(simd, strength),
+            };
+            blend::<S, DEPTH>(simd, cell, alpha, (color, depth));
+        }
+    }
+
+    /// A record's strength (optical depth, or opacity), z and σ_z in a row of a strip.
+    #[inline(always)]
+    fn formula<'a, S: Simd>(&'a self, simd: S, strip: &'a Strip) -> impl Fn(f32) -> [V<S>; 3] + 'a {
+        let record = strip.record;
+        let rows = ExactRows::new(record);
+        let (u, v) = strip.offsets(simd);
+        let is_optical_depth = record.tag.kind == Kind::Extinction && record.tag.form == Form::Exact;
+        #[inline(always)]
+        move |number| {
+            let row = rows.row(simd, record, u, v + number);
+            let w = exp(simd, row.r * -0.5) * record.amplitude;
+            let w = keep(simd, row.r.simd_le(splat(simd, self.cutoff)), w);
+            let strength = if is_optical_depth {
+                let length = ray_lengths(simd, &self.lens, u + record.mean[0], v + number + record.mean[1]);
+                w * row.scale * length
+            } else {
+                w
+            };
+            [strength, row.depth, row.sigma_z]
+        }
+    }
+
+    /// Shares a record out between the runs of a block:
+    /// share_j = Φ((z_{j+1} − z)/σ_z) − Φ((z_j − z)/σ_z).
+    #[inline(always)]
+    fn shared<S: Simd, const DEPTH: bool>(
+        &self,
+        simd: S,
+        part: &Strip,
+        (cuts, segments): (&Cuts, usize),
+        runs: &mut Runs,
+    ) {
+        let color = splat3(simd, part.record.color);
+        let formula = self.formula(simd, part);
+        for (row, cell) in part.cells().enumerate() {
+            let [strength, depth, sigma_z] = formula(row as f32);
+            let tau = match part.record.tag.kind {
+                Kind::Opacity => optical_depth(simd, strength),
+                _ => strength,
+            };
+            let inverse = splat(simd, 1.0) / sigma_z.max(splat(simd, 1e-20));
+            let before = |z: V<S>| normal_cdf(simd, (z - depth) * inverse);
+            let mut from = splat(simd, self.near);
+            let mut before_from = before(from);
+            for (segment, cells) in runs.segments[..segments].iter_mut().enumerate() {
+                let to = V::simd_from(simd, cuts.depth(segment, cell));
+                let before_to = before(to);
+                let share = (before_to - before_from).max(splat(simd, 0.0));
+                let alpha = opacity(simd, tau * share);
+                blend::<S, DEPTH>(simd, &mut cells[cell], alpha, (color, depth.max(from).min(to)));
+                (from, before_from) = (to, before_to);
+            }
+        }
+    }
+}
+
+/// (C, T)∘(C', T') = (C + T·C', T·T').
+#[inline(always)]
+fn blend<S: Simd, const DEPTH: bool>(simd: S, cell: &mut Cell, alpha: V<S>, (color, depth): (V3<S>, V<S>)) {
+    let opacity = V::simd_from(simd, cell.opacity);
+    let seen = (splat(simd, 1.0) - opacity) * alpha;
+    let store = |lanes: &mut Lanes, value: V<S>| {
+        *lanes = value.mul_add(seen, V::simd_from(simd, *lanes)).into();
+    };
+    cell.opacity = (opacity + seen).into();
+    let [red, green, blue] = &mut cell.color;
+    store(red, color[0]);
+    store(green, color[1]);
+    store(blue, color[2]);
+    if DEPTH {
+        store(&mut cell.depth, depth);
+    }
 }

@@ -1,10 +1,10 @@
 //! Stage `cull`: which ranges of a scene's splats can be seen.
 
 use crate::camera::{Camera, Projection};
-use crate::columns::Columns;
+use crate::columns::{Columns, Kind};
 use crate::footprint::{CameraSplat, Lens};
 use crate::scene::{RenderSettings, Scene};
-use glam::{DVec3, DVec4};
+use glam::{DVec3, DVec4, Vec3};
 use std::ops::Range;
 
 /// Consecutive splats of one cloud that may be visible.
@@ -16,6 +16,12 @@ pub(crate) struct VisibleRange {
     pub(crate) splats: Range<usize>,
     /// The scene-wide number of the cloud's first splat.
     pub(crate) first_id: u32,
+    /// The middle of their box, in cloud space.
+    pub(crate) center: Vec3,
+    /// Their distances from the eye, or z where rays are parallel: at least and at most.
+    pub(crate) distances: [f32; 2],
+    /// Whether the cloud is a surface.
+    pub(crate) is_surface: bool,
 }
 
 /// The planes of a view; a camera-space point p is inside where xyz·p + w ≥ 0.
@@ -64,31 +70,44 @@ impl Frustum {
     }
 }
 
-/// Clusters whose bounding sphere, grown by the reach of its kernels, touches the frustum.
-pub(crate) fn visible_ranges(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> Vec<VisibleRange> {
+/// Finds the clusters whose bounding sphere, grown by the reach of its kernels, touches the frustum.
+pub(crate) fn find_visible(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &RenderSettings,
+    visible: &mut Vec<VisibleRange>,
+) {
+    visible.clear();
     let frustum = Frustum::new(camera);
-    let mut visible = Vec::new();
+    let perspective = camera.projection() == Projection::Perspective;
     let mut first_id = 0;
     for (index, cloud) in scene.clouds.iter().enumerate() {
         let cloud_to_camera = camera.pose().world_to_camera * cloud.cloud_to_world();
+        let is_surface = matches!(cloud.columns().kind, Kind::Surface(_));
         // The Frobenius norm bounds how far the transform stretches anything.
         let stretch = frobenius(cloud_to_camera.matrix3);
         for cluster in cloud.clusters() {
             let center = cloud_to_camera.transform_point3(cluster.center.as_dvec3());
             let radius = stretch * f64::from(cluster.radius);
-            let farthest = match camera.projection() {
-                Projection::Perspective => center.z.abs() + radius,
-                Projection::Orthographic => 1.0,
-            };
+            let farthest = if perspective { center.z.abs() + radius } else { 1.0 };
             let filter = settings.low_pass.sqrt() * farthest / camera.intrinsics().focal.min_element();
             let sigma = (stretch * f64::from(cluster.largest_sigma)).hypot(filter);
-            if frustum.touches_sphere(center, radius + settings.cutoff.sqrt() * sigma) {
-                visible.push(VisibleRange { cloud: index, splats: cluster.splats.clone(), first_id });
+            if !frustum.touches_sphere(center, radius + settings.cutoff.sqrt() * sigma) {
+                continue;
             }
+            let distance = if perspective { center.length() } else { center.z };
+            let least = if perspective { (distance - radius).max(0.0) } else { distance - radius };
+            visible.push(VisibleRange {
+                cloud: index,
+                splats: cluster.splats.clone(),
+                first_id,
+                center: cluster.center,
+                distances: [least as f32, (distance + radius) as f32],
+                is_surface,
+            });
         }
         first_id += cloud.len() as u32;
     }
-    visible
 }
 
 fn frobenius(m: glam::DMat3) -> f64 {
@@ -99,13 +118,13 @@ fn frobenius(m: glam::DMat3) -> f64 {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Cluster {
     pub(crate) splats: Range<usize>,
-    center: glam::Vec3,
+    center: Vec3,
     radius: f32,
     largest_sigma: f32,
 }
 
 /// Splats a cluster.
-const CLUSTER_SIZE: usize = 1024;
+pub(crate) const CLUSTER_SIZE: usize = 1024;
 
 /// Cuts a cloud into clusters of consecutive splats.
 pub(crate) fn clusters(columns: &Columns) -> Vec<Cluster> {

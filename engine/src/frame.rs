@@ -1,7 +1,17 @@
 //! The finished picture and what was measured at its pixels.
 
+/// What a frame holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Channels {
+    /// Colour and alpha; the other vectors are empty.
+    Color,
+    /// Everything.
+    #[default]
+    All,
+}
+
 /// A picture of `width * height` pixels, rows from top to bottom.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Frame {
     /// Pixels in a row.
     pub width: usize,
@@ -25,17 +35,58 @@ impl Frame {
     /// The id of a pixel without a surface.
     pub const NO_ID: u32 = u32::MAX;
 
-    /// An empty picture: transparent, no surface.
+    /// An empty picture with all channels: transparent, no surface.
     pub fn new(width: usize, height: usize) -> Self {
-        let count = width * height;
-        Self {
+        let mut frame = Self::default();
+        frame.resize([width, height], Channels::All);
+        frame
+    }
+
+    /// Makes room for a picture; what pixels hold then is of no meaning where there were some before.
+    pub(crate) fn resize(&mut self, [width, height]: [usize; 2], channels: Channels) {
+        (self.width, self.height) = (width, height);
+        self.color.resize(width * height, [0.0; 4]);
+        let rest = if channels == Channels::All { width * height } else { 0 };
+        self.depth.resize(rest, f32::INFINITY);
+        self.expected_depth.resize(rest, f32::INFINITY);
+        self.normal.resize(rest, [0.0; 3]);
+        self.id.resize(rest, Self::NO_ID);
+    }
+
+    /// The frame in bands of `height` rows, the last may be lower.
+    pub(crate) fn bands(&mut self, height: usize) -> impl Iterator<Item = FrameRows<'_>> {
+        let (width, size) = (self.width, self.width * height);
+        let channels = if self.depth.is_empty() { Channels::Color } else { Channels::All };
+        let mut depth = self.depth.chunks_mut(size);
+        let mut expected_depth = self.expected_depth.chunks_mut(size);
+        let mut normal = self.normal.chunks_mut(size);
+        let mut id = self.id.chunks_mut(size);
+        self.color.chunks_mut(size).map(move |color| FrameRows {
+            channels,
             width,
-            height,
-            color: vec![[0.0; 4]; count],
-            depth: vec![f32::INFINITY; count],
-            expected_depth: vec![f32::INFINITY; count],
-            normal: vec![[0.0; 3]; count],
-            id: vec![Self::NO_ID; count],
-        }
+            color,
+            depth: depth.next().unwrap_or_default(),
+            expected_depth: expected_depth.next().unwrap_or_default(),
+            normal: normal.next().unwrap_or_default(),
+            id: id.next().unwrap_or_default(),
+        })
+    }
+}
+
+/// Some rows of a frame.
+pub(crate) struct FrameRows<'a> {
+    pub(crate) channels: Channels,
+    width: usize,
+    pub(crate) color: &'a mut [[f32; 4]],
+    pub(crate) depth: &'a mut [f32],
+    pub(crate) expected_depth: &'a mut [f32],
+    pub(crate) normal: &'a mut [[f32; 3]],
+    pub(crate) id: &'a mut [u32],
+}
+
+impl FrameRows<'_> {
+    /// Where a pixel is; rows count from the first of these.
+    pub(crate) fn place(&self, column: usize, row: usize) -> usize {
+        row * self.width + column
     }
 }

@@ -34,14 +34,16 @@ pub mod render;
 mod resolve;
 pub mod scene;
 mod shade;
+pub mod simd;
+mod tile;
 pub mod validate;
 
 pub use camera::{Camera, CameraError, Intrinsics, Pose, Projection};
 pub use cloud::{Cloud, CloudError, Harmonics, Material, Shapes, Splats, Strength, Surface};
-pub use frame::Frame;
+pub use frame::{Channels, Frame};
 pub use metrics::{Metrics, MetricsError, Pixels, compare};
 pub use observer::{Counts, Observer, Stage};
 pub use reference::{ReferenceKind, reference};
-pub use render::render;
+pub use render::{Renderer, render};
 pub use scene::{Blend, FootprintForm, Light, RenderSettings, Scene};
 pub use validate::SceneError;

@@ -1,20 +1,24 @@
 //! The main path: cull ► footprint ► order ► bin ► (raster ► layers ► composite ► resolve) for each tile.
 
-use crate::bin::{TILE, TileLists};
+use crate::bin::TileLists;
 use crate::camera::Camera;
 use crate::composite::{Compositor, Runs};
-use crate::cull::visible_ranges;
-use crate::footprint::{Kind, Lens, Records, project};
-use crate::frame::Frame;
-use crate::layers::{Cuts, LayerBuilder};
+use crate::cull::{VisibleRange, find_visible};
+use crate::footprint::{Lens, Records, SceneView};
+use crate::frame::{Channels, Frame, FrameRows};
+use crate::layers::{Cuts, LayerBuffers, LayerBuilder, depth_tolerances};
 use crate::observer::{Counts, Observer, Stage};
-use crate::order::by_distance;
-use crate::raster::{Fragments, Rasterizer, Sample, Tile};
-use crate::resolve::{Pixel, Resolver, store};
+use crate::order::{Sorter, gather};
+use crate::raster::SurfelRaster;
+use crate::resolve::Resolver;
 use crate::scene::{RenderSettings, Scene};
 use crate::shade::Shader;
+use crate::simd::{Level, Simd, dispatch};
+use crate::tile::Tile;
 use crate::validate::SceneError;
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicU32, AtomicU64, AtomicUsize, Ordering::Relaxed};
+use std::sync::{Mutex, PoisonError};
 
 /// Draws a scene, on the threads of the current rayon pool; the picture does not depend on how many.
 ///
@@ -27,33 +31,217 @@ pub fn render(
     settings: &RenderSettings,
     observer: &dyn Observer,
 ) -> Result<Frame, SceneError> {
-    settings.validate()?;
-    let splats = scene.validate()?;
-    let visible = watched(observer, Stage::Cull, || visible_ranges(scene, camera, settings));
-    let records = watched(observer, Stage::Footprint, || project(scene, camera, settings, &visible));
-    let order = watched(observer, Stage::Order, || by_distance(&records));
-    let lists = watched(observer, Stage::Bin, || TileLists::new(camera.size(), &order, &records.rects));
+    let mut renderer = Renderer::new();
+    renderer.render(scene, camera, settings, observer)?;
+    Ok(renderer.frame)
+}
 
-    let [width, height] = camera.size().map(|side| side as usize);
-    let mut frame = Frame::new(width, height);
-    let mut fragments = 0;
-    let drawer = TileDrawer::new(scene, camera, settings, &records);
-    let tiles: Vec<(Tile, Vec<Pixel>, u64)> = (0..lists.columns * lists.rows)
-        .into_par_iter()
-        .map_init(Scratch::new, |scratch, index| {
-            let (column, row) = (index % lists.columns, index / lists.columns);
-            let origin = [column * TILE, row * TILE];
-            let tile = Tile { origin, size: [(width - origin[0]).min(TILE), (height - origin[1]).min(TILE)] };
-            let (pixels, count) = drawer.draw(tile, lists.tile(column, row), scratch, observer);
-            (tile, pixels, count)
-        })
-        .collect();
-    for (tile, pixels, count) in &tiles {
-        store(&mut frame, *tile, pixels);
-        fragments += count;
+/// Draws frame after frame, and keeps its buffers from one to the next.
+pub struct Renderer {
+    level: Level,
+    tile_side: usize,
+    visible: [Vec<VisibleRange>; 2],
+    shaders: Vec<Shader>,
+    depth_tolerances: Vec<f32>,
+    surfaces: Drawn,
+    volumes: Drawn,
+    scratch: Vec<AtomicU64>,
+    sorter: Sorter,
+    threads: Vec<Mutex<TileBuffers>>,
+    frame: Frame,
+}
+
+/// What is drawn of one kind: records and who needs them where.
+#[derive(Default)]
+struct Drawn {
+    records: Records,
+    lists: TileLists,
+}
+
+/// Buffers of one thread.
+struct TileBuffers {
+    layers: LayerBuffers,
+    cuts: Cuts,
+    runs: Runs,
+}
+
+impl Default for Renderer {
+    fn default() -> Self {
+        Self::new()
     }
-    observer.counts(Counts { splats: splats as u64, visible: records.records.len() as u64, fragments });
-    Ok(frame)
+}
+
+impl Renderer {
+    /// A renderer for this processor.
+    pub fn new() -> Self {
+        Self::with(Level::best(), 32)
+    }
+
+    /// A renderer that uses the instructions of a level and tiles of the given side in pixels: 8, 16 or 32. A level that
+    /// the processor lacks is [`Level::Scalar`]. Pictures differ by rounding only.
+    ///
+    /// # Panics
+    /// When the side is another.
+    pub fn with(level: Level, tile_side: usize) -> Self {
+        assert!([8, 16, 32].contains(&tile_side), "tiles have a side of 8, 16 or 32 pixels, not {tile_side}");
+        Self {
+            level,
+            tile_side,
+            visible: [Vec::new(), Vec::new()],
+            shaders: Vec::new(),
+            depth_tolerances: Vec::new(),
+            surfaces: Drawn::default(),
+            volumes: Drawn::default(),
+            scratch: Vec::new(),
+            sorter: Sorter::default(),
+            threads: Vec::new(),
+            frame: Frame::default(),
+        }
+    }
+
+    /// Draws a scene as [`render`] does; the frame is the renderer's until the next one.
+    ///
+    /// # Errors
+    /// Those of [`render`].
+    pub fn render(
+        &mut self,
+        scene: &Scene,
+        camera: &Camera,
+        settings: &RenderSettings,
+        observer: &dyn Observer,
+    ) -> Result<&Frame, SceneError> {
+        settings.validate()?;
+        let splats = scene.validate()?;
+        watched(observer, Stage::Cull, || self.cull(scene, camera, settings));
+        watched(observer, Stage::Footprint, || self.project(scene, camera, settings));
+        self.surfaces.list_by_cluster(observer, (camera.size(), self.tile_side), &mut self.scratch);
+        self.volumes.list_by_distance(
+            observer,
+            (camera.size(), self.tile_side),
+            (&mut self.sorter, &mut self.scratch),
+        );
+        let fragments = self.draw(scene, camera, settings, observer);
+        let visible = (self.surfaces.records.len() + self.volumes.records.len()) as u64;
+        observer.counts(Counts { splats: splats as u64, visible, fragments });
+        Ok(&self.frame)
+    }
+
+    fn cull(&mut self, scene: &Scene, camera: &Camera, settings: &RenderSettings) {
+        let [surfaces, volumes] = &mut self.visible;
+        find_visible(scene, camera, settings, volumes);
+        surfaces.clear();
+        surfaces.extend(volumes.extract_if(.., |range| range.is_surface));
+        // Near surfaces hide far ones: what comes first is drawn first.
+        surfaces.sort_by(|a, b| a.distances[0].total_cmp(&b.distances[0]));
+    }
+
+    fn project(&mut self, scene: &Scene, camera: &Camera, settings: &RenderSettings) {
+        self.shaders.clear();
+        self.shaders.extend(scene.clouds.iter().map(|cloud| Shader::new(scene, camera, cloud.material())));
+        self.depth_tolerances.clear();
+        self.depth_tolerances.extend(depth_tolerances(&scene.clouds));
+        let view = SceneView { scene, camera, settings, shaders: &self.shaders, level: self.level };
+        let [surfaces, volumes] = &self.visible;
+        self.surfaces.records.project(&view, surfaces);
+        self.volumes.records.project(&view, volumes);
+    }
+
+    /// Draws the tiles; gives the number of pixels that were evaluated.
+    fn draw(
+        &mut self,
+        scene: &Scene,
+        camera: &Camera,
+        settings: &RenderSettings,
+        observer: &dyn Observer,
+    ) -> u64 {
+        let Self { surfaces, volumes, shaders, depth_tolerances, level, tile_side: side, .. } = self;
+        let picture = camera.size().map(|length| length as usize);
+        let [columns, rows] = picture.map(|length| length.div_ceil(*side));
+        let lens = Lens::new(camera, settings.low_pass);
+        let (near, cutoff) = (camera.near() as f32, settings.cutoff as f32);
+        // A quarter of the tolerance: what is behind changes a channel by at most that share of its brightness.
+        let spent = (settings.tolerance / 4.0) as f32;
+        let Records { records, rects, samples, .. } = &surfaces.records;
+        let drawer = TileDrawer {
+            layers: LayerBuilder {
+                raster: SurfelRaster { records, rects, lens, cutoff, near },
+                samples,
+                depth_tolerances,
+                spent,
+            },
+            compositor: Compositor {
+                records: &volumes.records.records,
+                rects: &volumes.records.rects,
+                lens,
+                cutoff,
+                near,
+                spent,
+                least_weight: (-0.5 * cutoff).exp(),
+                least_alpha: settings.tolerance as f32,
+            },
+            resolver: Resolver {
+                shaders,
+                records,
+                samples,
+                settings,
+                lens,
+                camera_to_world: camera.pose().world_to_camera.matrix3.transpose(),
+            },
+            channels: settings.channels,
+            observer,
+        };
+        let _ = scene;
+        self.frame.resize(picture, settings.channels);
+        let bands: Vec<Mutex<FrameRows>> = self.frame.bands(*side).map(Mutex::new).collect();
+        let threads = rayon::current_num_threads().max(1);
+        self.threads.resize_with(threads.max(self.threads.len()), || Mutex::new(TileBuffers::new()));
+        let (next, fragments) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        self.threads[..threads].par_iter().with_max_len(1).for_each(|buffers| {
+            let mut buffers = buffers.lock().unwrap_or_else(PoisonError::into_inner);
+            loop {
+                let index = next.fetch_add(1, Relaxed);
+                if index >= columns * rows {
+                    break;
+                }
+                let tile = Tile::new([index % columns, index / columns], *side, picture);
+                let lists = [surfaces.lists.tile(index), volumes.lists.tile(index)];
+                let band = &bands[index / columns];
+                let count = dispatch!(*level, simd => drawer.draw(simd, (tile, lists), &mut buffers, band));
+                fragments.fetch_add(count as usize, Relaxed);
+            }
+        });
+        fragments.into_inner() as u64
+    }
+}
+
+impl Drawn {
+    /// Lists records by clusters, which come from near to far.
+    fn list_by_cluster(
+        &mut self,
+        observer: &dyn Observer,
+        size: ([u32; 2], usize),
+        scratch: &mut Vec<AtomicU64>,
+    ) {
+        let Records { keys, runs, rects, .. } = &self.records;
+        scratch.resize_with(self.records.len().max(scratch.len()), AtomicU64::default);
+        watched(observer, Stage::Bin, || {
+            let count = gather(runs, keys, scratch);
+            self.lists.fill(size, &scratch[..count], rects, keys);
+        });
+    }
+
+    /// Lists records by their distance.
+    fn list_by_distance(
+        &mut self,
+        observer: &dyn Observer,
+        size: ([u32; 2], usize),
+        (sorter, scratch): (&mut Sorter, &mut Vec<AtomicU64>),
+    ) {
+        let Records { keys, runs, rects, .. } = &self.records;
+        scratch.resize_with(self.records.len().max(scratch.len()), AtomicU64::default);
+        let [sorted, free] = watched(observer, Stage::Order, || sorter.sort(runs, [keys, scratch]));
+        watched(observer, Stage::Bin, || self.lists.fill(size, sorted, rects, free));
+    }
 }
 
 fn watched<T>(observer: &dyn Observer, stage: Stage, run: impl FnOnce() -> T) -> T {
@@ -63,96 +251,45 @@ fn watched<T>(observer: &dyn Observer, stage: Stage, run: impl FnOnce() -> T) ->
     value
 }
 
-/// Buffers of one thread.
-struct Scratch {
-    samples: Vec<Sample>,
-    fragments: Fragments,
-    cuts: Cuts,
-    runs: Runs,
-}
-
-impl Scratch {
+impl TileBuffers {
     fn new() -> Self {
-        Self { samples: Vec::new(), fragments: Fragments::default(), cuts: Cuts::new(), runs: Runs::new() }
+        Self { layers: LayerBuffers::new(), cuts: Cuts::new(), runs: Runs::new() }
     }
 }
-
-/// Fragments are composited after this many: few enough to stay in the cache.
-const BATCH: usize = 4096;
 
 /// Draws tiles.
 struct TileDrawer<'a> {
-    records: &'a Records,
-    rasterizer: Rasterizer<'a>,
     layers: LayerBuilder<'a>,
     compositor: Compositor<'a>,
     resolver: Resolver<'a>,
+    channels: Channels,
+    observer: &'a dyn Observer,
 }
 
-impl<'a> TileDrawer<'a> {
-    fn new(scene: &Scene, camera: &Camera, settings: &'a RenderSettings, records: &'a Records) -> Self {
-        let lens = Lens::new(camera, settings.low_pass);
-        let near = camera.near() as f32;
-        // A quarter of the tolerance: what is behind changes a channel by at most that share of its brightness.
-        let spent = (settings.tolerance / 4.0) as f32;
-        let shaders = scene.clouds.iter().map(|cloud| Shader::new(scene, camera, cloud.material())).collect();
-        let camera_to_world = camera.pose().world_to_camera.matrix3.transpose();
-        Self {
-            records,
-            rasterizer: Rasterizer { records, lens, cutoff: settings.cutoff as f32, near },
-            layers: LayerBuilder::new(&scene.clouds, records, spent),
-            compositor: Compositor { records, near, spent },
-            resolver: Resolver { shaders, settings, lens, camera_to_world },
-        }
-    }
-
-    /// A tile's pixels and the number of its fragments and samples.
-    fn draw(
+impl TileDrawer<'_> {
+    /// Draws a tile from its lists of surfaces and volumes; gives the number of pixels that were evaluated.
+    #[inline(always)]
+    fn draw<S: Simd>(
         &self,
-        tile: Tile,
-        list: &[u32],
-        scratch: &mut Scratch,
-        observer: &dyn Observer,
-    ) -> (Vec<Pixel>, u64) {
-        let Scratch { samples, fragments, cuts, runs } = scratch;
-        let kind = |index: &u32| self.records.records[*index as usize].kind;
-        samples.clear();
-        runs.clear();
-
-        observer.begin(Stage::Raster);
-        for index in list.iter().filter(|index| kind(index) == Kind::Surface) {
-            self.rasterizer.samples(*index, tile, samples);
+        simd: S,
+        (tile, [surfaces, volumes]): (Tile, [&[AtomicU32]; 2]),
+        buffers: &mut TileBuffers,
+        band: &Mutex<FrameRows>,
+    ) -> u64 {
+        let TileBuffers { layers, cuts, runs } = buffers;
+        let mut count =
+            watched(self.observer, Stage::Layers, || self.layers.build(simd, (tile, surfaces), layers, cuts));
+        if !volumes.is_empty() {
+            count += watched(self.observer, Stage::Composite, || match self.channels {
+                Channels::Color => self.compositor.add::<S, false>(simd, (tile, volumes), cuts, runs),
+                Channels::All => self.compositor.add::<S, true>(simd, (tile, volumes), cuts, runs),
+            });
         }
-        observer.end(Stage::Raster);
-        let mut count = samples.len() as u64;
-
-        observer.begin(Stage::Layers);
-        self.layers.build(samples, cuts);
-        observer.end(Stage::Layers);
-
-        let mut volume = list.iter().filter(|index| kind(index) != Kind::Surface).peekable();
-        while volume.peek().is_some() {
-            observer.begin(Stage::Raster);
-            fragments.clear();
-            while fragments.fragments.len() < BATCH
-                && let Some(index) = volume.next()
-            {
-                self.rasterizer.fragments(*index, tile, fragments);
-            }
-            observer.end(Stage::Raster);
-            count += fragments.fragments.len() as u64;
-            observer.begin(Stage::Composite);
-            self.compositor.add(fragments, cuts, runs);
-            let done = runs.all_spent(tile.pixels(), self.compositor.spent);
-            observer.end(Stage::Composite);
-            if done {
-                break;
-            }
-        }
-
-        observer.begin(Stage::Resolve);
-        let pixels = self.resolver.tile(tile, cuts, runs);
-        observer.end(Stage::Resolve);
-        (pixels, count)
+        let runs = (!volumes.is_empty()).then_some(&*runs);
+        watched(self.observer, Stage::Resolve, || {
+            let mut rows = band.lock().unwrap_or_else(PoisonError::into_inner);
+            self.resolver.tile(simd, tile, (cuts, runs), &mut rows);
+        });
+        count
     }
 }

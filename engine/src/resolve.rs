@@ -1,94 +1,189 @@
 //! Stage `resolve`: a tile's cuts and runs to shaded pixels of the frame.
 
-use crate::color::{linear_to_srgb, srgb_to_linear};
-use crate::composite::{Cut, Run, Runs};
-use crate::footprint::Lens;
-use crate::frame::Frame;
+use crate::color::linear_to_srgb;
+use crate::columns::{LANES, Lanes};
+use crate::composite::{Cut, Runs};
+use crate::footprint::{Lens, Record, SurfaceSample};
+use crate::frame::{Channels, Frame, FrameRows};
 use crate::layers::Cuts;
-use crate::raster::Tile;
 use crate::scene::{Blend, RenderSettings};
 use crate::shade::Shader;
-use glam::{DMat3, DVec2, Vec3};
-
-/// One finished pixel.
-#[derive(Clone, Copy)]
-pub(crate) struct Pixel {
-    color: [f32; 4],
-    depth: f32,
-    expected_depth: f32,
-    normal: [f32; 3],
-    id: u32,
-}
+use crate::simd::*;
+use crate::tile::Tile;
+use glam::DMat3;
 
 /// Finishes pixels.
 pub(crate) struct Resolver<'a> {
     /// One a cloud.
-    pub(crate) shaders: Vec<Shader>,
+    pub(crate) shaders: &'a [Shader],
+    /// Of surfaces.
+    pub(crate) records: &'a [Record],
+    pub(crate) samples: &'a [SurfaceSample],
     pub(crate) settings: &'a RenderSettings,
     pub(crate) lens: Lens,
     pub(crate) camera_to_world: DMat3,
 }
 
-impl Resolver<'_> {
-    /// The pixels of a tile, row by row.
-    pub(crate) fn tile(&self, tile: Tile, cuts: &Cuts, runs: &Runs) -> Vec<Pixel> {
-        tile.pixels().map(|pixel| self.pixel(tile.center(pixel), cuts.of(pixel), runs.of(pixel))).collect()
-    }
+/// What a stretch of eight rays sends towards the camera and lets through.
+#[derive(Clone, Copy)]
+struct Seen<S: Simd> {
+    color: V3<S>,
+    depth: V<S>,
+    opacity: V<S>,
+}
 
-    /// run₀ ∘ cut₁ ∘ run₁ ∘ … ∘ run_K ∘ background.
-    fn pixel(&self, place: DVec2, cuts: &[Cut], runs: &[Run]) -> Pixel {
-        let mut all = runs[0];
-        for (cut, run) in cuts.iter().zip(&runs[1..]) {
-            all = all.over(Run::layer(self.shade(place, cut), cut.depth, cut.alpha)).over(*run);
-        }
-        let alpha = all.opacity;
-        let expected_depth = if alpha > 0.0 { all.color_and_depth.w / alpha } else { f32::INFINITY };
-        let first = cuts.first();
-        let normal = first
-            .map_or(Vec3::ZERO, |cut| (self.camera_to_world * Vec3::from(cut.normal).as_dvec3()).as_vec3());
-        Pixel {
-            color: self.over_background(all),
-            depth: first.map_or(f32::INFINITY, |cut| cut.depth),
-            expected_depth,
-            normal: normal.to_array(),
-            id: first.map_or(Frame::NO_ID, |cut| cut.id),
+impl<S: Simd> Seen<S> {
+    /// (C, T)∘(C', T') = (C + T·C', T·T').
+    #[inline(always)]
+    fn over(self, simd: S, behind: Self) -> Self {
+        let through = splat(simd, 1.0) - self.opacity;
+        Self {
+            color: [0, 1, 2].map(|i| behind.color[i].mul_add(through, self.color[i])),
+            depth: behind.depth.mul_add(through, self.depth),
+            opacity: behind.opacity.mul_add(through, self.opacity),
         }
     }
 
-    fn shade(&self, place: DVec2, cut: &Cut) -> [f32; 3] {
-        if !self.settings.shade {
-            return cut.color;
-        }
-        let position = self.lens.position(place, f64::from(cut.depth)).as_vec3();
-        self.shaders[cut.cloud as usize].shade(cut.color, Vec3::from(cut.normal), position)
-    }
-
-    fn over_background(&self, run: Run) -> [f32; 4] {
-        let [red, green, blue, background_alpha] = self.settings.background;
-        let mut background = [red, green, blue];
-        if self.settings.blend == Blend::Display {
-            background = background.map(linear_to_srgb);
-        }
-        let all = run.over(Run::layer(background, 0.0, background_alpha));
-        let alpha = all.opacity;
-        let [mut red, mut green, mut blue] = all.color_and_depth.truncate().to_array();
-        if self.settings.blend == Blend::Display && alpha > 0.0 {
-            [red, green, blue] = [red, green, blue].map(|c| srgb_to_linear(c / alpha) * alpha);
-        }
-        [red, green, blue, alpha]
+    #[inline(always)]
+    fn layer(color: V3<S>, depth: V<S>, alpha: V<S>) -> Self {
+        Self { color: color.map(|c| c * alpha), depth: depth * alpha, opacity: alpha }
     }
 }
 
-/// Writes a tile's pixels into the frame.
-pub(crate) fn store(frame: &mut Frame, tile: Tile, pixels: &[Pixel]) {
-    for (y, row) in pixels.chunks_exact(tile.size[0]).enumerate() {
-        let start = (tile.origin[1] + y) * frame.width + tile.origin[0];
-        for (x, pixel) in row.iter().enumerate() {
-            frame.color[start + x] = pixel.color;
-            frame.depth[start + x] = pixel.depth;
-            frame.expected_depth[start + x] = pixel.expected_depth;
-            frame.normal[start + x] = pixel.normal;
-            frame.id[start + x] = pixel.id;
+impl Resolver<'_> {
+    /// Finishes a tile and writes it into the rows of the frame that it belongs to. Without a list there are no
+    /// `runs`.
+    #[inline(always)]
+    pub(crate) fn tile<S: Simd>(
+        &self,
+        simd: S,
+        tile: Tile,
+        (cuts, runs): (&Cuts, Option<&Runs>),
+        rows: &mut FrameRows,
+    ) {
+        let background = self.background(simd);
+        for strip in 0..tile.strips() {
+            let columns = tile.columns(strip);
+            for (row, cell) in tile.strip(strip).enumerate() {
+                let seen = self.cell(simd, tile, cell, (cuts, runs));
+                let place = rows.place(tile.origin[0] + strip * LANES, row);
+                self.store_color(simd, seen, background, &mut rows.color[place..place + columns]);
+                if rows.channels == Channels::All {
+                    self.store_rest(seen, cuts.cell(cell).next(), columns, (place, rows));
+                }
+            }
+        }
+    }
+
+    /// run₀ ∘ cut₁ ∘ run₁ ∘ … ∘ run_K.
+    #[inline(always)]
+    fn cell<S: Simd>(
+        &self,
+        simd: S,
+        tile: Tile,
+        cell: usize,
+        (cuts, runs): (&Cuts, Option<&Runs>),
+    ) -> Seen<S> {
+        let run = |segment: usize| {
+            let cell = runs.map_or(&crate::tile::Cell::CLEAR, |runs| runs.cell(segment, cell));
+            let read = |lanes: Lanes| V::simd_from(simd, lanes);
+            Seen { color: cell.color.map(read), depth: read(cell.depth), opacity: read(cell.opacity) }
+        };
+        let mut seen = run(0);
+        for (layer, cut) in cuts.cell(cell).enumerate() {
+            let alpha = V::simd_from(simd, cut.alpha);
+            let found = alpha.simd_gt(splat(simd, 0.0));
+            if found.any_true() {
+                let depth = keep(simd, found, V::simd_from(simd, cut.depth));
+                let color = self.shade(simd, (tile, cell), cut, depth);
+                seen = seen.over(simd, Seen::layer(color, depth, alpha));
+            }
+            if runs.is_some() {
+                seen = seen.over(simd, run(layer + 1));
+            }
+        }
+        seen
+    }
+
+    /// Light on a layer, by the materials of its clouds.
+    #[inline(always)]
+    fn shade<S: Simd>(&self, simd: S, (tile, cell): (Tile, usize), cut: &Cut, depth: V<S>) -> V3<S> {
+        let base = cut.color.map(|lanes| V::simd_from(simd, lanes));
+        if !self.settings.shade {
+            return base;
+        }
+        let first = tile.first_center(cell);
+        let position = self.lens.positions(simd, lane_numbers(simd) + first.x as f32, first.y as f32, depth);
+        let normal = cut.normal.map(|lanes| V::simd_from(simd, lanes));
+        let cloud_of = |record: u32| match record {
+            Cut::NO_RECORD => None,
+            index => Some(self.records[index as usize].tag.cloud),
+        };
+        let clouds = cut.record.map(cloud_of);
+        let mut color = splat3(simd, [0.0; 3]);
+        for (lane, cloud) in clouds.iter().enumerate() {
+            let Some(cloud) = *cloud else { continue };
+            if clouds[..lane].contains(&Some(cloud)) {
+                continue;
+            }
+            let own = clouds.map(|other| if other == Some(cloud) { -1 } else { 0 });
+            let own = i32x8::simd_from(simd, own).simd_lt(i32x8::simd_from(simd, 0));
+            let shaded = self.shaders[cloud as usize].shade_wide(simd, base, normal, position);
+            color = [0, 1, 2].map(|i| own.select(shaded[i], color[i]));
+        }
+        color
+    }
+
+    /// The background in the space of blending.
+    #[inline(always)]
+    fn background<S: Simd>(&self, simd: S) -> Seen<S> {
+        let [red, green, blue, alpha] = self.settings.background;
+        let mut color = [red, green, blue];
+        if self.settings.blend == Blend::Display {
+            color = color.map(linear_to_srgb);
+        }
+        Seen::layer(splat3(simd, color), splat(simd, 0.0), splat(simd, alpha))
+    }
+
+    /// Linear, premultiplied colours over the background.
+    #[inline(always)]
+    fn store_color<S: Simd>(&self, simd: S, seen: Seen<S>, background: Seen<S>, pixels: &mut [[f32; 4]]) {
+        let all = seen.over(simd, background);
+        let mut color = all.color;
+        if self.settings.blend == Blend::Display {
+            let zero = splat(simd, 0.0);
+            let some = all.opacity.simd_gt(zero);
+            let inverse = keep(simd, some, splat(simd, 1.0) / all.opacity);
+            color = color.map(|c| some.select(srgb_to_linear(simd, c * inverse) * all.opacity, c));
+        }
+        let [red, green, blue, alpha]: [Lanes; 4] =
+            [color[0], color[1], color[2], all.opacity].map(|v| v.into());
+        for (lane, pixel) in pixels.iter_mut().enumerate() {
+            *pixel = [red[lane], green[lane], blue[lane], alpha[lane]];
+        }
+    }
+
+    #[inline(always)]
+    fn store_rest<S: Simd>(
+        &self,
+        seen: Seen<S>,
+        first: Option<&Cut>,
+        columns: usize,
+        (place, rows): (usize, &mut FrameRows),
+    ) {
+        let (depth, opacity): (Lanes, Lanes) = (seen.depth.into(), seen.opacity.into());
+        let first = first.unwrap_or(&Cut::NONE);
+        for lane in 0..columns {
+            let place = place + lane;
+            rows.expected_depth[place] =
+                if opacity[lane] > 0.0 { depth[lane] / opacity[lane] } else { f32::INFINITY };
+            rows.depth[place] = first.depth[lane];
+            let normal = glam::Vec3::from(first.normal.map(|lanes| lanes[lane]));
+            rows.normal[place] = (self.camera_to_world * normal.as_dvec3()).as_vec3().to_array();
+            rows.id[place] = match first.record[lane] {
+                Cut::NO_RECORD => Frame::NO_ID,
+                index => self.samples[index as usize].id,
+            };
         }
     }
 }

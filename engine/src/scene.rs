@@ -1,6 +1,7 @@
 //! What is drawn, under which light, and how.
 
 use crate::cloud::Cloud;
+use crate::frame::Channels;
 use glam::DVec3;
 
 /// Clouds and lights.
@@ -75,6 +76,8 @@ pub struct RenderSettings {
     pub tolerance: f64,
     /// Squared Mahalanobis radius at which kernels are cut off; their mass is renormalised.
     pub cutoff: f64,
+    /// What the frame holds.
+    pub channels: Channels,
 }
 
 impl Default for RenderSettings {
@@ -87,6 +90,7 @@ impl Default for RenderSettings {
             background: [0.0; 4],
             tolerance: 1.0 / 255.0,
             cutoff: 12.25,
+            channels: Channels::All,
         }
     }
 }

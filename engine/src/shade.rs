@@ -4,6 +4,7 @@
 use crate::camera::{Camera, Projection};
 use crate::cloud::Material;
 use crate::scene::{Light, Scene};
+use crate::simd::*;
 use glam::{DVec3, Vec3};
 
 /// A light in camera space.
@@ -79,5 +80,107 @@ impl Shader {
             }
         }
         (base * light + highlight).to_array()
+    }
+
+    /// As [`Self::shade_two_sided`], for eight points.
+    #[inline(always)]
+    pub(crate) fn shade_wide_two_sided<S: Simd>(
+        &self,
+        simd: S,
+        base: V3<S>,
+        normal: V3<S>,
+        position: V3<S>,
+    ) -> V3<S> {
+        let cosine = dot(normal, self.to_eye_wide(simd, position));
+        let turned = cosine.simd_lt(splat(simd, 0.0));
+        self.shade_wide(simd, base, normal.map(|n| turned.select(-n, n)), position)
+    }
+
+    #[inline(always)]
+    fn to_eye_wide<S: Simd>(&self, simd: S, position: V3<S>) -> V3<S> {
+        if self.parallel_rays {
+            splat3(simd, [0.0, 0.0, -1.0])
+        } else {
+            normalize_or_zero(simd, position.map(|x| -x))
+        }
+    }
+
+    /// As [`Self::shade`], for eight points.
+    #[inline(always)]
+    pub(crate) fn shade_wide<S: Simd>(&self, simd: S, base: V3<S>, normal: V3<S>, position: V3<S>) -> V3<S> {
+        let Material { ambient, diffuse, specular, exponent } = self.material;
+        let mut light = splat3(simd, (self.ambient * ambient).to_array());
+        let mut highlight = splat3(simd, [0.0; 3]);
+        if diffuse > 0.0 || specular > 0.0 {
+            let to_eye = self.to_eye_wide(simd, position);
+            for source in &self.sources {
+                let (towards, color) = match *source {
+                    Source::Towards(direction, color) => (splat3(simd, direction.to_array()), color),
+                    Source::At(place, color) => {
+                        let place = splat3(simd, place.to_array());
+                        let towards = [0, 1, 2].map(|i| place[i] - position[i]);
+                        (normalize_or_zero(simd, towards), color)
+                    }
+                };
+                let zero = splat(simd, 0.0);
+                let cosine = dot(normal, towards).max(zero);
+                let half = normalize_or_zero(simd, [0, 1, 2].map(|i| towards[i] + to_eye[i]));
+                let mirrored = pow(simd, dot(normal, half).max(zero), exponent);
+                let mirrored = keep(simd, cosine.simd_gt(zero), mirrored * specular);
+                for (channel, color) in color.to_array().into_iter().enumerate() {
+                    light[channel] = cosine.mul_add(splat(simd, color * diffuse), light[channel]);
+                    highlight[channel] = mirrored.mul_add(splat(simd, color), highlight[channel]);
+                }
+            }
+        }
+        [0, 1, 2].map(|i| base[i].mul_add(light[i], highlight[i]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Pose;
+
+    #[test]
+    fn eight_points_are_shaded_as_one_is() {
+        let pose = Pose::look_at(DVec3::new(1.0, 2.0, -5.0), DVec3::ZERO, DVec3::Y).unwrap();
+        let camera = Camera::perspective(pose, 0.5, [64; 2]).unwrap();
+        let lights = vec![
+            Light::Ambient { color: [0.2, 0.1, 0.3] },
+            Light::Directional { towards: DVec3::new(1.0, 2.0, -3.0), color: [0.5, 0.6, 0.7] },
+            Light::Point { position: DVec3::new(-2.0, 1.0, -4.0), color: [0.9, 0.5, 0.1] },
+        ];
+        for lights in [Vec::new(), lights] {
+            for material in
+                [Material::default(), Material::UNLIT, Material { exponent: 0.0, ..Material::default() }]
+            {
+                let scene = Scene { clouds: Vec::new(), lights: lights.clone() };
+                let shader = Shader::new(&scene, &camera, material);
+                let normals: [Vec3; 8] = std::array::from_fn(|i| {
+                    let i = i as f32;
+                    if i == 0.0 { Vec3::ZERO } else { Vec3::new(i.sin(), i.cos(), 1.0 - i / 3.0).normalize() }
+                });
+                let positions: [Vec3; 8] =
+                    std::array::from_fn(|i| Vec3::new(i as f32 - 4.0, 0.5 * i as f32, 6.0));
+                let base = [0.3, 0.6, 0.9];
+                let lanes = |v: [Vec3; 8]| [0, 1, 2].map(|axis| v.map(|v| v[axis]));
+                for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
+                    let found: [[f32; 8]; 3] = dispatch!(level, simd => {
+                        let read = |v: [Vec3; 8]| lanes(v).map(|lanes| V::simd_from(simd, lanes));
+                        let base = splat3(simd, base);
+                        shader.shade_wide_two_sided(simd, base, read(normals), read(positions)).map(|v| v.into())
+                    });
+                    for lane in 0..8 {
+                        let expected = shader.shade_two_sided(base, normals[lane], positions[lane]);
+                        for channel in 0..3 {
+                            // A power of 20 raises the rounding of cosines by as much.
+                            let error = (found[channel][lane] - expected[channel]).abs();
+                            assert!(error < 2e-5, "{level:?}, point {lane}: off by {error}");
+                        }
+                    }
+                }
+            }
+        }
     }
 }

@@ -15,6 +15,7 @@
 //! ```
 
 use crate::camera::{Camera, Projection};
+use crate::simd::*;
 use glam::{DMat3, DVec2, DVec3};
 
 /// A splat in camera space, before it is projected.
@@ -57,6 +58,18 @@ impl Lens {
         match self.projection {
             Projection::Perspective => across.extend(1.0) * z,
             Projection::Orthographic => across.extend(z),
+        }
+    }
+
+    /// As [`Self::position`], for eight points of a row.
+    #[inline(always)]
+    pub(crate) fn positions<S: Simd>(&self, simd: S, x: V<S>, y: f32, z: V<S>) -> V3<S> {
+        let [focal, principal] = [self.focal.as_vec2(), self.principal.as_vec2()];
+        let across = (x - principal.x) * (1.0 / focal.x);
+        let down = splat(simd, (y - principal.y) / focal.y);
+        match self.projection {
+            Projection::Perspective => [across * z, down * z, z],
+            Projection::Orthographic => [across, down, z],
         }
     }
 

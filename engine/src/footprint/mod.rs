@@ -3,29 +3,26 @@
 
 mod ewa;
 mod record;
+mod scalar;
+mod wide;
 
 pub use ewa::{CameraSplat, Footprint, Hit, Lens};
-pub use record::{Form, Kind, Record, RecordHit, Rect};
+pub use record::{Form, Kind, Record, RecordHit, Rect, Tag};
 
-use crate::camera::{Camera, Projection};
-use crate::cloud::{Cloud, area_scale};
-use crate::color::{linear_to_srgb, srgb_to_linear};
-use crate::columns;
-use crate::cull::{Frustum, VisibleRange};
-use crate::harmonics::basis;
-use crate::scene::{Blend, FootprintForm, RenderSettings, Scene};
+use crate::camera::Camera;
+use crate::cull::{CLUSTER_SIZE, Frustum, VisibleRange};
+use crate::order::{Run, keyed, sortable};
+use crate::scene::{RenderSettings, Scene};
 use crate::shade::Shader;
-use glam::{DAffine3, DMat3, DVec3, Vec3};
+use crate::simd::{Level, dispatch};
 use rayon::prelude::*;
+use scalar::{Projector, View};
+use std::sync::atomic::{AtomicU64, Ordering};
+use wide::WideProjector;
 
 /// Mass outside r ≤ ρ is e^{−ρ/2} of the whole; what is kept is raised to carry it.
 pub(crate) fn cutoff_gain(cutoff: f64) -> f64 {
     -1.0 / (-0.5 * cutoff).exp_m1()
-}
-
-/// Rounds an amplitude. What is beyond ±1e20 is opaque whatever its value; sums of it stay finite.
-fn single(x: f64) -> f32 {
-    x.clamp(-1e20, 1e20) as f32
 }
 
 /// What the layers need of a surface record besides its geometry.
@@ -35,250 +32,113 @@ pub(crate) struct SurfaceSample {
     pub(crate) normal: [f32; 3],
     /// Opacity of the surface there.
     pub(crate) opacity: f32,
+    /// The splat's number in the scene.
+    pub(crate) id: u32,
 }
 
-/// The records of a frame, in the order of their ids; parallel arrays.
+/// What is drawn of one splat.
+struct Projected {
+    record: Record,
+    rect: Rect,
+    /// From the eye, or z where rays are parallel.
+    distance: f32,
+    sample: SurfaceSample,
+}
+
+/// The records of a frame's volumes, or of its surfaces; parallel arrays.
+///
+/// Every visible range has [`CLUSTER_SIZE`] places, of which the first are taken: so ranges are projected side by
+/// side, and the places say the same for any number of threads.
 #[derive(Default)]
 pub(crate) struct Records {
     pub(crate) records: Vec<Record>,
     pub(crate) rects: Vec<Rect>,
-    /// What [`crate::order`] sorts by: distances from the eye, or z where rays are parallel, as bits.
-    pub(crate) distance_keys: Vec<u32>,
-    /// Parallel to `records`; meaningful for surface records.
-    pub(crate) surface_samples: Vec<SurfaceSample>,
+    /// Keys of the distance with the record's place.
+    pub(crate) keys: Vec<AtomicU64>,
+    /// Of surfaces; empty for volumes.
+    pub(crate) samples: Vec<SurfaceSample>,
+    /// The places taken.
+    pub(crate) runs: Vec<Run>,
+}
+
+/// Where the records of one range go.
+struct Places<'a> {
+    records: &'a mut [Record],
+    rects: &'a mut [Rect],
+    keys: &'a [AtomicU64],
+    samples: &'a mut [SurfaceSample],
+    run: Run,
+}
+
+impl Places<'_> {
+    #[inline(always)]
+    fn push(&mut self, splat: Projected) {
+        let Projected { record, rect, distance, sample } = splat;
+        let place = self.run.len;
+        self.records[place] = record;
+        self.rects[place] = rect;
+        let key = keyed(distance, (self.run.start + place) as u32);
+        self.keys[place].store(key, Ordering::Relaxed);
+        let [nearest, farthest] = self.run.keys;
+        self.run.keys = [nearest.min(sortable(distance)), farthest.max(sortable(distance))];
+        if let Some(slot) = self.samples.get_mut(place) {
+            *slot = sample;
+        }
+        self.run.len = place + 1;
+    }
 }
 
 impl Records {
-    fn append(&mut self, mut other: Self) {
-        self.records.append(&mut other.records);
-        self.rects.append(&mut other.rects);
-        self.distance_keys.append(&mut other.distance_keys);
-        self.surface_samples.append(&mut other.surface_samples);
+    /// How many there are.
+    pub(crate) fn len(&self) -> usize {
+        self.runs.iter().map(|run| run.len).sum()
     }
-}
 
-/// Projects the visible ranges of a scene.
-pub(crate) fn project(
-    scene: &Scene,
-    camera: &Camera,
-    settings: &RenderSettings,
-    visible: &[VisibleRange],
-) -> Records {
-    let lens = Lens::new(camera, settings.low_pass);
-    let frustum = Frustum::new(camera);
-    let projectors: Vec<Projector> = scene
-        .clouds
-        .iter()
-        .enumerate()
-        .map(|(index, cloud)| {
-            let shader = Shader::new(scene, camera, cloud.material());
-            Projector::new(cloud, index as u16, shader, View { camera, settings, lens, frustum })
-        })
-        .collect();
-    let parts: Vec<Records> =
-        visible.par_iter().map(|range| projectors[range.cloud].project(range)).collect();
-    let mut all = Records::default();
-    for part in parts {
-        all.append(part);
-    }
-    all
-}
-
-/// What every projector of a frame shares.
-#[derive(Clone, Copy)]
-struct View<'a> {
-    camera: &'a Camera,
-    settings: &'a RenderSettings,
-    lens: Lens,
-    frustum: Frustum,
-}
-
-/// Projects the splats of one cloud.
-struct Projector<'a> {
-    cloud: &'a Cloud,
-    cloud_index: u16,
-    shader: Shader,
-    view: View<'a>,
-    cloud_to_camera: DAffine3,
-    camera_to_cloud: DAffine3,
-    normal_to_camera: DMat3,
-    determinant: f64,
-}
-
-impl<'a> Projector<'a> {
-    fn new(cloud: &'a Cloud, cloud_index: u16, shader: Shader, view: View<'a>) -> Self {
-        let cloud_to_camera = view.camera.pose().world_to_camera * cloud.cloud_to_world();
-        let linear = cloud_to_camera.matrix3;
-        let determinant = linear.determinant().abs();
-        // The cofactor matrix is |M| M⁻ᵀ and exists for every M; the sign keeps normals outside when M mirrors.
-        let cofactor = DMat3::from_cols(
-            linear.y_axis.cross(linear.z_axis),
-            linear.z_axis.cross(linear.x_axis),
-            linear.x_axis.cross(linear.y_axis),
+    /// Projects ranges of a scene's splats; `level` says with which instructions.
+    pub(crate) fn project(&mut self, view: &SceneView, ranges: &[VisibleRange]) {
+        let places = ranges.len() * CLUSTER_SIZE;
+        // Volumes have no samples: one place a range is as good as none.
+        let samples_a_range = if ranges.iter().any(|range| range.is_surface) { CLUSTER_SIZE } else { 1 };
+        let samples = ranges.len() * samples_a_range;
+        self.records.resize(places.max(self.records.len()), Record::BLANK);
+        self.rects.resize(places.max(self.rects.len()), Rect::default());
+        self.keys.resize_with(places.max(self.keys.len()), AtomicU64::default);
+        self.samples.resize(samples.max(self.samples.len()), SurfaceSample::default());
+        self.runs.clear();
+        self.runs.resize(ranges.len(), Run::default());
+        let records = self.records.par_chunks_mut(CLUSTER_SIZE);
+        let rects = self.rects.par_chunks_mut(CLUSTER_SIZE);
+        let keys = self.keys.par_chunks(CLUSTER_SIZE);
+        let samples = self.samples.par_chunks_mut(samples_a_range);
+        let places = records.zip(rects).zip(keys).zip(samples);
+        ranges.par_iter().zip(&mut self.runs).zip(places).enumerate().for_each(
+            |(number, ((range, run), (((records, rects), keys), samples)))| {
+                let empty = Run { start: number * CLUSTER_SIZE, len: 0, keys: [u32::MAX, 0] };
+                let mut places = Places { records, rects, keys, samples, run: empty };
+                let projector = view.projector(range.cloud);
+                let wide = WideProjector::new(&projector);
+                dispatch!(view.level, simd => wide.project(simd, range, &mut places));
+                *run = places.run;
+            },
         );
-        let normal_to_camera = cofactor * linear.determinant().signum();
-        Self {
-            cloud,
-            cloud_index,
-            shader,
-            view,
-            cloud_to_camera,
-            camera_to_cloud: cloud_to_camera.inverse(),
-            normal_to_camera,
-            determinant,
-        }
-    }
-
-    fn project(&self, range: &VisibleRange) -> Records {
-        let mut out = Records::default();
-        for index in range.splats.clone() {
-            if let Some((record, rect, key, sample)) = self.project_splat(index, range.first_id) {
-                out.records.push(record);
-                out.rects.push(rect);
-                out.distance_keys.push(key);
-                out.surface_samples.push(sample);
-            }
-        }
-        out
-    }
-
-    fn project_splat(&self, index: usize, first_id: u32) -> Option<(Record, Rect, u32, SurfaceSample)> {
-        let View { camera, settings, lens, frustum } = &self.view;
-        let splats = self.cloud.columns();
-        let factor_in_cloud = splats.factor(index);
-        let splat = CameraSplat {
-            center: self.cloud_to_camera.transform_point3(splats.center(index).as_dvec3()),
-            factor: self.cloud_to_camera.matrix3 * factor_in_cloud.as_dmat3(),
-        };
-        let perspective = lens.projection == Projection::Perspective;
-        let geometric_normal = (self.normal_to_camera * axis_normal(factor_in_cloud)).normalize_or_zero();
-        if let columns::Kind::Surface(surface) = &splats.kind
-            && surface.closed
-        {
-            let ray = if perspective { splat.center } else { DVec3::Z };
-            if geometric_normal.dot(ray) >= 0.0 {
-                return None;
-            }
-        }
-
-        let footprint = Footprint::new(&splat, lens)?;
-        let cutoff = settings.cutoff;
-        if footprint.depth_range(cutoff)[1] <= camera.near() {
-            return None;
-        }
-        let crosses = footprint.crosses_camera_plane(cutoff);
-        let is_extinction = matches!(splats.kind, columns::Kind::Extinction);
-        let exact = perspective
-            && match settings.footprint {
-                FootprintForm::Exact => true,
-                FootprintForm::Affine => crosses,
-                FootprintForm::Auto => {
-                    crosses || footprint.affine_error(is_extinction, lens) > settings.tolerance / 4.0
-                }
-            };
-        // A kernel that crosses the camera plane has no bounded rectangle, but most of those are beside
-        // the frustum.
-        if crosses && !frustum.touches_ellipsoid(&splat, cutoff, lens) {
-            return None;
-        }
-        let [center, half] = footprint.bounds(cutoff, exact);
-        let rect = Rect::around(center, half, camera.size())?;
-
-        let form = if exact { Form::Exact } else { Form::Affine };
-        let mut record = Record::geometry(&footprint, form);
-        record.id = first_id + index as u32;
-        record.cloud = self.cloud_index;
-        let normal = splats.normal(index);
-        let normal = (self.normal_to_camera * normal.as_dvec3()).normalize_or_zero();
-        let color = self.color(index);
-        let shaded = |normal: DVec3| {
-            if settings.shade {
-                self.shader.shade_two_sided(color, normal.as_vec3(), splat.center.as_vec3())
-            } else {
-                color
-            }
-        };
-        let gain = cutoff_gain(cutoff);
-        let ray = footprint.center_ray;
-        let mut sample = SurfaceSample::default();
-        match &splats.kind {
-            columns::Kind::Extinction => {
-                let mass = f64::from(splats.strength(index)) * self.determinant * gain;
-                let length = if exact { 1.0 } else { ray.length() };
-                record.kind = Kind::Extinction;
-                record.amplitude = single(mass * footprint.unit_integral * length);
-                record.color = shaded(normal);
-            }
-            columns::Kind::Opacity => {
-                record.kind = Kind::Opacity;
-                record.amplitude =
-                    (f64::from(splats.strength(index)) * footprint.filter_attenuation(&splat, lens)) as f32;
-                record.color = shaded(normal);
-            }
-            columns::Kind::Surface(surface) => {
-                let area = f64::from(splats.strength(index))
-                    * area_scale(self.cloud_to_camera.matrix3, factor_in_cloud)
-                    * gain;
-                let coverage = area * footprint.unit_integral / f64::from(surface.coverage_floor);
-                let slope = geometric_normal.truncate() / lens.focal * coverage;
-                record.kind = Kind::Surface;
-                record.amplitude = single(coverage * geometric_normal.dot(ray));
-                record.amplitude_slope = [single(slope.x), single(slope.y)];
-                record.color = color;
-                // The side that is seen is the shape's; a shading normal agrees with it.
-                let normal = match normal.dot(geometric_normal) {
-                    _ if normal == DVec3::ZERO => geometric_normal,
-                    cosine if cosine < 0.0 => -normal,
-                    _ => normal,
-                };
-                sample =
-                    SurfaceSample { normal: normal.as_vec3().to_array(), opacity: splats.opacity(index) };
-            }
-        }
-        if record.amplitude == 0.0 && record.amplitude_slope == [0.0; 2] {
-            return None;
-        }
-        let distance = if perspective { splat.center.length() } else { splat.center.z };
-        Some((record, rect, sortable(distance as f32), sample))
-    }
-
-    /// The splat's colour in the space of blending, as it is seen from the eye.
-    fn color(&self, index: usize) -> [f32; 3] {
-        let splats = self.cloud.columns();
-        let linear = splats.color(index);
-        let blend = self.view.settings.blend;
-        let Some(harmonics) = &splats.harmonics else {
-            return if blend == Blend::Linear { linear } else { linear.map(linear_to_srgb) };
-        };
-        let direction = self.seen_along(splats.center(index)).as_vec3();
-        let values = basis(direction.x, direction.y, direction.z);
-        let mut color = linear.map(linear_to_srgb);
-        for (value, coefficient) in values.iter().zip(harmonics.row(index)) {
-            for (channel, c) in color.iter_mut().zip(coefficient) {
-                *channel += value * c;
-            }
-        }
-        let color = color.map(|c| c.max(0.0));
-        if blend == Blend::Linear { color.map(srgb_to_linear) } else { color }
-    }
-
-    /// The unit vector from the eye to a point, both in cloud space.
-    fn seen_along(&self, point: Vec3) -> DVec3 {
-        let direction = match self.view.lens.projection {
-            Projection::Perspective => point.as_dvec3() - self.camera_to_cloud.translation,
-            Projection::Orthographic => self.camera_to_cloud.matrix3.z_axis,
-        };
-        direction.normalize_or_zero()
     }
 }
 
-/// Bits that sort as the number does.
-fn sortable(x: f32) -> u32 {
-    let bits = x.to_bits();
-    if x.is_sign_negative() { !bits } else { bits | 1 << 31 }
+/// A scene as a camera sees it.
+pub(crate) struct SceneView<'a> {
+    pub(crate) scene: &'a Scene,
+    pub(crate) camera: &'a Camera,
+    pub(crate) settings: &'a RenderSettings,
+    /// One a cloud.
+    pub(crate) shaders: &'a [Shader],
+    pub(crate) level: Level,
 }
 
-/// e₁ × e₂ of a factor, the direction that it is flattened along.
-fn axis_normal(factor: glam::Mat3) -> DVec3 {
-    factor.x_axis.as_dvec3().cross(factor.y_axis.as_dvec3())
+impl SceneView<'_> {
+    fn projector(&self, cloud: usize) -> Projector<'_> {
+        let Self { scene, camera, settings, shaders, .. } = *self;
+        let (lens, frustum) = (Lens::new(camera, settings.low_pass), Frustum::new(camera));
+        let view = View { camera, settings, lens, frustum };
+        Projector::new(&scene.clouds[cloud], cloud as u16, &shaders[cloud], view)
+    }
 }

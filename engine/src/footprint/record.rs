@@ -19,40 +19,44 @@ pub enum Kind {
 pub enum Form {
     /// The perspective denominator dropped.
     Affine,
-    /// Exact perspective.
+    /// Exact perspective; where rays are parallel the affine form is exact.
     Exact,
 }
 
-/// A projected splat. Offsets u are in pixels from `mean`; see [`Footprint`] for the formulas.
-#[derive(Clone, Copy, Debug)]
-pub struct Record {
-    /// The projected centre in pixels.
-    pub mean: [f32; 2],
-    /// (a, b, c) of q(u) = (a u_x + b u_y)² + (c u_y)².
-    pub conic_root: [f32; 3],
-    /// z of the centre.
-    pub depth: f32,
-    /// dz/du at the centre, in world units a pixel.
-    pub depth_slope: [f32; 2],
-    /// Spread in z along the ray through the centre.
-    pub sigma_z: f32,
-    /// 1/depth, 0 where rays are parallel.
-    pub inverse_depth: f32,
-    /// Amplitude at the centre: optical depth (over |v| in the exact form), opacity, or coverage.
-    pub amplitude: f32,
-    /// Change of a surface sample's coverage a pixel: n·v along the picture. The plane's tilt follows from it;
-    /// the affine form leaves it out of the coverage.
-    pub amplitude_slope: [f32; 2],
-    /// Shaded colour of a volume kernel; base colour of a surface sample. In the blend space.
-    pub color: [f32; 3],
-    /// The splat's number in the scene.
-    pub id: u32,
-    /// Its cloud's number in the scene.
+/// What a record is besides its numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tag {
+    /// The splat's cloud in the scene.
     pub cloud: u16,
     /// What the amplitude becomes.
     pub kind: Kind,
     /// The form of the footprint.
     pub form: Form,
+}
+
+/// A projected splat: one cache line. Offsets u are in pixels from `mean`; see [`Footprint`] for the formulas.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub struct Record {
+    /// The projected centre in pixels.
+    pub mean: [f32; 2],
+    /// z of the centre.
+    pub depth: f32,
+    /// Amplitude at the centre: optical depth (over |v| in the exact form), opacity, or coverage.
+    pub amplitude: f32,
+    /// (a, b, c) of q(u) = (a u_x + b u_y)² + (c u_y)².
+    pub conic_root: [f32; 3],
+    /// Spread in z along the ray through the centre.
+    pub sigma_z: f32,
+    /// dz/du at the centre, in world units a pixel.
+    pub depth_slope: [f32; 2],
+    /// Change of a surface sample's coverage a pixel: n·v along the picture. The plane's tilt follows from it;
+    /// the affine form leaves it out of the coverage.
+    pub amplitude_slope: [f32; 2],
+    /// Shaded colour of a volume kernel; base colour of a surface sample. In the blend space.
+    pub color: [f32; 3],
+    /// Cloud, kind and form.
+    pub tag: Tag,
 }
 
 /// The pixels of a record: from `min` up to, not including, `max`.
@@ -99,7 +103,20 @@ pub struct RecordHit {
 }
 
 impl Record {
-    /// Rounds a footprint; amplitude, colour and names are the caller's.
+    /// Nothing.
+    pub(crate) const BLANK: Self = Self {
+        mean: [0.0; 2],
+        depth: 0.0,
+        amplitude: 0.0,
+        conic_root: [0.0; 3],
+        sigma_z: 0.0,
+        depth_slope: [0.0; 2],
+        amplitude_slope: [0.0; 2],
+        color: [0.0; 3],
+        tag: Tag { cloud: 0, kind: Kind::Extinction, form: Form::Affine },
+    };
+
+    /// Rounds a footprint; amplitude, colour, cloud and kind are the caller's.
     pub fn geometry(footprint: &Footprint, form: Form) -> Self {
         Self {
             mean: [footprint.mean.x as f32, footprint.mean.y as f32],
@@ -107,14 +124,10 @@ impl Record {
             depth: footprint.depth as f32,
             depth_slope: [footprint.depth_slope.x as f32, footprint.depth_slope.y as f32],
             sigma_z: footprint.sigma_z as f32,
-            inverse_depth: footprint.inverse_depth as f32,
             amplitude: 0.0,
             amplitude_slope: [0.0; 2],
             color: [0.0; 3],
-            id: 0,
-            cloud: 0,
-            kind: Kind::Extinction,
-            form,
+            tag: Tag { cloud: 0, kind: Kind::Extinction, form },
         }
     }
 
@@ -125,11 +138,11 @@ impl Record {
         let (along, across) = (a * x + b * y, c * y);
         let q = along * along + across * across;
         let rise = self.depth_slope[0] * x + self.depth_slope[1] * y;
-        match self.form {
+        match self.tag.form {
             Form::Affine => RecordHit { r: q, z: self.depth + rise, sigma_z: self.sigma_z, scale: 1.0 },
             Form::Exact => {
-                let t = 1.0 - self.inverse_depth * rise;
-                let spread = self.inverse_depth * self.sigma_z;
+                let t = 1.0 - rise / self.depth;
+                let spread = self.sigma_z / self.depth;
                 let den = t * t + spread * spread * q;
                 let scale = 1.0 / den.sqrt();
                 RecordHit { r: q / den, z: self.depth * t / den, sigma_z: self.sigma_z * scale, scale }

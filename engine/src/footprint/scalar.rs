@@ -1,0 +1,215 @@
+//! One splat to a record in f64: the specification of the wide projection, and what it leaves to be done for splats
+//! that reach the camera plane or cover no area of their own.
+
+use super::ewa::{CameraSplat, Footprint, Lens};
+use super::record::{Form, Kind, Record, Rect};
+use super::{Projected, SurfaceSample, cutoff_gain};
+use crate::camera::{Camera, Projection};
+use crate::cloud::{Cloud, area_scale};
+use crate::color::{linear_to_srgb, srgb_to_linear};
+use crate::columns;
+use crate::cull::Frustum;
+use crate::harmonics::basis;
+use crate::scene::{Blend, FootprintForm, RenderSettings};
+use crate::shade::Shader;
+use glam::{DAffine3, DMat3, DVec3, Vec3};
+
+/// Rounds an amplitude. What is beyond ±1e20 is opaque whatever its value; sums of it stay finite.
+fn single(x: f64) -> f32 {
+    x.clamp(-1e20, 1e20) as f32
+}
+
+/// What every projector of a frame shares.
+#[derive(Clone, Copy)]
+pub(super) struct View<'a> {
+    pub(super) camera: &'a Camera,
+    pub(super) settings: &'a RenderSettings,
+    pub(super) lens: Lens,
+    pub(super) frustum: Frustum,
+}
+
+/// Projects the splats of one cloud.
+pub(super) struct Projector<'a> {
+    pub(super) cloud: &'a Cloud,
+    pub(super) cloud_index: u16,
+    pub(super) shader: &'a Shader,
+    pub(super) view: View<'a>,
+    pub(super) cloud_to_camera: DAffine3,
+    pub(super) camera_to_cloud: DAffine3,
+    pub(super) normal_to_camera: DMat3,
+    pub(super) determinant: f64,
+}
+
+impl<'a> Projector<'a> {
+    pub(super) fn new(cloud: &'a Cloud, cloud_index: u16, shader: &'a Shader, view: View<'a>) -> Self {
+        let cloud_to_camera = view.camera.pose().world_to_camera * cloud.cloud_to_world();
+        let linear = cloud_to_camera.matrix3;
+        let determinant = linear.determinant().abs();
+        // The cofactor matrix is |M| M⁻ᵀ and exists for every M; the sign keeps normals outside when M mirrors.
+        let cofactor = DMat3::from_cols(
+            linear.y_axis.cross(linear.z_axis),
+            linear.z_axis.cross(linear.x_axis),
+            linear.x_axis.cross(linear.y_axis),
+        );
+        let normal_to_camera = cofactor * linear.determinant().signum();
+        Self {
+            cloud,
+            cloud_index,
+            shader,
+            view,
+            cloud_to_camera,
+            camera_to_cloud: cloud_to_camera.inverse(),
+            normal_to_camera,
+            determinant,
+        }
+    }
+
+    /// What is drawn of a splat; `None` if nothing.
+    pub(super) fn project_splat(&self, index: usize, first_id: u32) -> Option<Projected> {
+        let View { camera, settings, lens, frustum } = &self.view;
+        let splats = self.cloud.columns();
+        let factor_in_cloud = splats.factor(index);
+        let splat = CameraSplat {
+            center: self.cloud_to_camera.transform_point3(splats.center(index).as_dvec3()),
+            factor: self.cloud_to_camera.matrix3 * factor_in_cloud.as_dmat3(),
+        };
+        let perspective = lens.projection == Projection::Perspective;
+        let geometric_normal = (self.normal_to_camera * axis_normal(factor_in_cloud)).normalize_or_zero();
+        if let columns::Kind::Surface(surface) = &splats.kind
+            && surface.closed
+        {
+            let ray = if perspective { splat.center } else { DVec3::Z };
+            if geometric_normal.dot(ray) >= 0.0 {
+                return None;
+            }
+        }
+
+        let footprint = Footprint::new(&splat, lens)?;
+        let cutoff = settings.cutoff;
+        if footprint.depth_range(cutoff)[1] <= camera.near() {
+            return None;
+        }
+        let crosses = footprint.crosses_camera_plane(cutoff);
+        let is_extinction = matches!(splats.kind, columns::Kind::Extinction);
+        let exact = perspective
+            && match settings.footprint {
+                FootprintForm::Exact => true,
+                FootprintForm::Affine => crosses,
+                FootprintForm::Auto => {
+                    crosses || footprint.affine_error(is_extinction, lens) > settings.tolerance / 4.0
+                }
+            };
+        // A kernel that crosses the camera plane has no bounded rectangle, but most of those are beside
+        // the frustum.
+        if crosses && !frustum.touches_ellipsoid(&splat, cutoff, lens) {
+            return None;
+        }
+        let peak = |strength: f32| {
+            (f64::from(strength) * footprint.filter_attenuation(&splat, lens)).min(LARGEST_ALPHA)
+        };
+        let bounded = match splats.kind {
+            columns::Kind::Opacity => opacity_cutoff(peak(splats.strength(index)), settings),
+            _ => cutoff,
+        };
+        let [center, half] = footprint.bounds(bounded, exact);
+        let rect = Rect::around(center, half, camera.size())?;
+
+        let form = if exact { Form::Exact } else { Form::Affine };
+        let mut record = Record::geometry(&footprint, form);
+        record.tag.cloud = self.cloud_index;
+        let normal = splats.normal(index);
+        let normal = (self.normal_to_camera * normal.as_dvec3()).normalize_or_zero();
+        let color = self.color(index);
+        let shaded = |normal: DVec3| {
+            if settings.shade {
+                self.shader.shade_two_sided(color, normal.as_vec3(), splat.center.as_vec3())
+            } else {
+                color
+            }
+        };
+        let gain = cutoff_gain(cutoff);
+        let ray = footprint.center_ray;
+        let mut sample = SurfaceSample { id: first_id + index as u32, ..SurfaceSample::default() };
+        match &splats.kind {
+            columns::Kind::Extinction => {
+                let mass = f64::from(splats.strength(index)) * self.determinant * gain;
+                let length = if exact { 1.0 } else { ray.length() };
+                record.tag.kind = Kind::Extinction;
+                record.amplitude = single(mass * footprint.unit_integral * length);
+                record.color = shaded(normal);
+            }
+            columns::Kind::Opacity => {
+                record.tag.kind = Kind::Opacity;
+                record.amplitude = peak(splats.strength(index)) as f32;
+                record.color = shaded(normal);
+            }
+            columns::Kind::Surface(surface) => {
+                let area = f64::from(splats.strength(index))
+                    * area_scale(self.cloud_to_camera.matrix3, factor_in_cloud)
+                    * gain;
+                let coverage = area * footprint.unit_integral / f64::from(surface.coverage_floor);
+                let slope = geometric_normal.truncate() / lens.focal * coverage;
+                record.tag.kind = Kind::Surface;
+                record.amplitude = single(coverage * geometric_normal.dot(ray));
+                record.amplitude_slope = [single(slope.x), single(slope.y)];
+                record.color = color;
+                // The side that is seen is the shape's; a shading normal agrees with it.
+                let normal = match normal.dot(geometric_normal) {
+                    _ if normal == DVec3::ZERO => geometric_normal,
+                    cosine if cosine < 0.0 => -normal,
+                    _ => normal,
+                };
+                sample.normal = normal.as_vec3().to_array();
+                sample.opacity = splats.opacity(index);
+            }
+        }
+        if record.amplitude == 0.0 && record.amplitude_slope == [0.0; 2] {
+            return None;
+        }
+        let distance = if perspective { splat.center.length() } else { splat.center.z };
+        Some(Projected { record, rect, distance: distance as f32, sample })
+    }
+
+    /// The splat's colour in the space of blending, as it is seen from the eye.
+    fn color(&self, index: usize) -> [f32; 3] {
+        let splats = self.cloud.columns();
+        let linear = splats.color(index);
+        let blend = self.view.settings.blend;
+        let Some(harmonics) = &splats.harmonics else {
+            return if blend == Blend::Linear { linear } else { linear.map(linear_to_srgb) };
+        };
+        let direction = self.seen_along(splats.center(index)).as_vec3();
+        let values = basis(direction.x, direction.y, direction.z);
+        let mut color = linear.map(linear_to_srgb);
+        for (value, coefficient) in values.iter().zip(harmonics.row(index)) {
+            for (channel, c) in color.iter_mut().zip(coefficient) {
+                *channel += value * c;
+            }
+        }
+        let color = color.map(|c| c.max(0.0));
+        if blend == Blend::Linear { color.map(srgb_to_linear) } else { color }
+    }
+
+    /// The unit vector from the eye to a point, both in cloud space.
+    fn seen_along(&self, point: Vec3) -> DVec3 {
+        let direction = match self.view.lens.projection {
+            Projection::Perspective => point.as_dvec3() - self.camera_to_cloud.translation,
+            Projection::Orthographic => self.camera_to_cloud.matrix3.z_axis,
+        };
+        direction.normalize_or_zero()
+    }
+}
+
+/// e₁ × e₂ of a factor, the direction that it is flattened along.
+fn axis_normal(factor: glam::Mat3) -> DVec3 {
+    factor.x_axis.as_dvec3().cross(factor.y_axis.as_dvec3())
+}
+
+/// Keeps the optical depth of a kernel of opacity 1 finite; off by less than 1e-6 of a channel.
+const LARGEST_ALPHA: f64 = 1.0 - 1e-6;
+
+/// Where a kernel of a given peak opacity ends: at the cut-off, or where it falls below the tolerance; below 0 if it
+/// never reaches that. Trained scenes are trained with such a cut, at 1/255.
+fn opacity_cutoff(peak: f64, settings: &RenderSettings) -> f64 {
+    settings.cutoff.min(2.0 * (peak / settings.tolerance).ln())
+}

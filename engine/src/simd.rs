@@ -1,0 +1,322 @@
+//! The one place of SIMD: which instructions are used, and functions of eight numbers at once.
+//!
+//! Everything is written once for all levels; `dispatch!` chooses at run time. Levels differ only by whether
+//! a·b + c is rounded once or twice.
+
+pub(crate) use fearless_simd::prelude::*;
+pub(crate) use fearless_simd::{Simd, f32x4, f32x8, i32x8, mask32x8, u32x8};
+
+/// Sets of instructions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// What every processor of the architecture has.
+    Scalar,
+    /// AVX2 and FMA on x86-64.
+    Avx2,
+    /// AVX-512 as of Ice Lake on x86-64.
+    Avx512,
+    /// NEON on 64-bit ARM.
+    Neon,
+}
+
+impl Level {
+    /// All levels.
+    pub const ALL: [Self; 4] = [Self::Scalar, Self::Avx2, Self::Avx512, Self::Neon];
+
+    /// The fastest level of this processor.
+    pub fn best() -> Self {
+        let is_available = |level: &&Self| level.is_available();
+        *Self::ALL.iter().rev().find(is_available).unwrap_or(&Self::Scalar)
+    }
+
+    /// Whether this processor has it.
+    pub fn is_available(self) -> bool {
+        self == Self::Scalar || !matches!(self.token(), Token::Scalar(_))
+    }
+
+    /// The proof that the processor has a level; of one that it lacks, the scalar one's.
+    pub(crate) fn token(self) -> Token {
+        #[cfg(target_arch = "x86_64")]
+        {
+            let found = fearless_simd::Level::new();
+            match self {
+                Self::Avx2 => found.as_avx2().map(Token::Avx2),
+                Self::Avx512 => found.as_avx512().map(Token::Avx512),
+                _ => None,
+            }
+            .unwrap_or(Token::Scalar(fearless_simd::Fallback::new()))
+        }
+        #[cfg(target_arch = "aarch64")]
+        {
+            let neon = (self == Self::Neon).then(|| fearless_simd::Level::new().as_neon()).flatten();
+            neon.map_or(Token::Scalar(fearless_simd::Fallback::new()), Token::Neon)
+        }
+        #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+        Token::Scalar(fearless_simd::Fallback::new())
+    }
+}
+
+/// See [`Level::token`].
+#[derive(Clone, Copy)]
+pub(crate) enum Token {
+    Scalar(fearless_simd::Fallback),
+    #[cfg(target_arch = "x86_64")]
+    Avx2(fearless_simd::Avx2),
+    #[cfg(target_arch = "x86_64")]
+    Avx512(fearless_simd::Avx512),
+    #[cfg(target_arch = "aarch64")]
+    Neon(fearless_simd::Neon),
+}
+
+/// Evaluates an expression with the instructions of a level; `$simd` is its token. What it calls must be
+/// `#[inline(always)]` to be compiled for the level.
+macro_rules! dispatch {
+    ($level:expr, $simd:ident => $op:expr) => {
+        match $crate::simd::Level::token($level) {
+            $crate::simd::Token::Scalar($simd) => $op,
+            #[cfg(target_arch = "x86_64")]
+            $crate::simd::Token::Avx2($simd) => $crate::simd::Simd::vectorize(
+                $simd,
+                #[inline(always)]
+                || $op,
+            ),
+            #[cfg(target_arch = "x86_64")]
+            $crate::simd::Token::Avx512($simd) => $crate::simd::Simd::vectorize(
+                $simd,
+                #[inline(always)]
+                || $op,
+            ),
+            #[cfg(target_arch = "aarch64")]
+            $crate::simd::Token::Neon($simd) => $crate::simd::Simd::vectorize(
+                $simd,
+                #[inline(always)]
+                || $op,
+            ),
+        }
+    };
+}
+pub(crate) use dispatch;
+
+/// Eight numbers.
+pub(crate) type V<S> = f32x8<S>;
+/// Eight answers.
+pub(crate) type M<S> = mask32x8<S>;
+
+/// 0, 1, … 7.
+#[inline(always)]
+pub(crate) fn lane_numbers<S: Simd>(simd: S) -> V<S> {
+    V::simd_from(simd, [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
+}
+
+#[inline(always)]
+pub(crate) fn splat<S: Simd>(simd: S, value: f32) -> V<S> {
+    V::simd_from(simd, value)
+}
+
+/// x where the mask is set, 0 elsewhere, whatever x is there.
+#[inline(always)]
+pub(crate) fn keep<S: Simd>(simd: S, mask: M<S>, x: V<S>) -> V<S> {
+    mask.select(x, splat(simd, 0.0))
+}
+
+/// c₀ + x (c₁ + x (c₂ + …)).
+#[inline(always)]
+fn polynomial<S: Simd, const N: usize>(simd: S, x: V<S>, coefficients: [f32; N]) -> V<S> {
+    let mut sum = splat(simd, coefficients[N - 1]);
+    for c in coefficients[..N - 1].iter().rev() {
+        sum = sum.mul_add(x, splat(simd, *c));
+    }
+    sum
+}
+
+/// As [`crate::exponential::exp`]: e^x for −87 ≤ x ≤ 87 within (4 + 1.2 |x|) 1e-7 of itself; outside e^{±87}.
+#[inline(always)]
+pub(crate) fn exp<S: Simd>(simd: S, x: V<S>) -> V<S> {
+    let x = x.max(splat(simd, -87.0)).min(splat(simd, 87.0));
+    exp2_within(simd, x * std::f32::consts::LOG2_E)
+}
+
+/// 2^t for −126 ≤ t ≤ 127.
+#[inline(always)]
+fn exp2_within<S: Simd>(simd: S, t: V<S>) -> V<S> {
+    let whole = t.round_ties_even();
+    const COEFFICIENTS: [f32; 6] =
+        [1.000_000_1, 0.693_146_94, 0.240_221_2, 0.055_507_13, 0.009_675_541, 0.001_327_647_2];
+    let p = polynomial(simd, t - whole, COEFFICIENTS);
+    let exponent = (whole.to_int::<i32x8<S>>() + 127) << 23;
+    p * f32x8::from_bits(exponent.bitcast())
+}
+
+/// log₂ x for normal x > 0, within 2e-7 + 1e-7 |log₂ x|.
+#[inline(always)]
+pub(crate) fn log2<S: Simd>(simd: S, x: V<S>) -> V<S> {
+    // x = 2^n m with ½√2 ≤ m < √2; log m = 2 artanh((m − 1)/(m + 1)).
+    const HALF_ROOT: u32 = 0x3f35_04f3;
+    let bits: i32x8<S> = x.bitcast();
+    let exponent = (bits - HALF_ROOT as i32) >> 23;
+    let m: V<S> = (bits - (exponent << 23)).bitcast();
+    let s = (m - 1.0) / (m + 1.0);
+    const TWO_OVER_LN2: f32 = 2.0 * std::f32::consts::LOG2_E;
+    let odd = polynomial(
+        simd,
+        s * s,
+        [TWO_OVER_LN2, TWO_OVER_LN2 / 3.0, TWO_OVER_LN2 / 5.0, TWO_OVER_LN2 / 7.0, TWO_OVER_LN2 / 9.0],
+    );
+    s.mul_add(odd, exponent.to_float::<V<S>>())
+}
+
+/// x^e for x ≥ 0 and a finite e ≥ 0, within (4 + 4 e (1 + |log x|)) 1e-7 of itself; 0 for x < 1e-37 unless e is 0.
+#[inline(always)]
+pub(crate) fn pow<S: Simd>(simd: S, x: V<S>, e: f32) -> V<S> {
+    if e == 0.0 {
+        return splat(simd, 1.0);
+    }
+    let t = log2(simd, x.max(splat(simd, 1e-37))) * e;
+    let inside = t.simd_gt(splat(simd, -126.0)) & x.simd_ge(splat(simd, 1e-37));
+    keep(simd, inside, exp2_within(simd, t.max(splat(simd, -126.0)).min(splat(simd, 127.0))))
+}
+
+/// The opacity 1 − e^{−τ} of an optical depth τ ≥ 0, within 1e-6 of itself however small τ is.
+#[inline(always)]
+pub(crate) fn opacity<S: Simd>(simd: S, optical_depth: V<S>) -> V<S> {
+    let t = optical_depth;
+    // The series up to t⁷ errs by t⁷/40320 of itself.
+    const SERIES: [f32; 7] =
+        [1.0, -1.0 / 2.0, 1.0 / 6.0, -1.0 / 24.0, 1.0 / 120.0, -1.0 / 720.0, 1.0 / 5040.0];
+    let thin = t * polynomial(simd, t, SERIES);
+    let thick = splat(simd, 1.0) - exp(simd, -t);
+    t.simd_lt(splat(simd, 0.5)).select(thin, thick)
+}
+
+/// The optical depth −ln(1 − α) of an opacity 0 ≤ α < 1, within 3e-7 + 3e-7 τ.
+#[inline(always)]
+pub(crate) fn optical_depth<S: Simd>(simd: S, opacity: V<S>) -> V<S> {
+    log2(simd, splat(simd, 1.0) - opacity) * -std::f32::consts::LN_2
+}
+
+/// Φ(x), within 3e-7: Abramowitz, Stegun, *Handbook of mathematical functions*, 1964, 26.2.17.
+#[inline(always)]
+pub(crate) fn normal_cdf<S: Simd>(simd: S, x: V<S>) -> V<S> {
+    let away = x.abs();
+    let t = splat(simd, 1.0) / away.mul_add(splat(simd, 0.231_641_9), splat(simd, 1.0));
+    const SERIES: [f32; 5] = [0.319_381_54, -0.356_563_78, 1.781_477_9, -1.821_256, 1.330_274_4];
+    const PEAK: f32 = 0.398_942_3;
+    let tail = exp(simd, away * away * -0.5) * PEAK * t * polynomial(simd, t, SERIES);
+    x.simd_lt(splat(simd, 0.0)).select(tail, splat(simd, 1.0) - tail)
+}
+
+/// As [`crate::color::linear_to_srgb`], within 2e-6.
+#[inline(always)]
+pub(crate) fn linear_to_srgb<S: Simd>(simd: S, linear: V<S>) -> V<S> {
+    let magnitude = linear.abs();
+    let curved = pow(simd, magnitude, 1.0 / 2.4).mul_add(splat(simd, 1.055), splat(simd, -0.055));
+    let encoded = magnitude.simd_le(splat(simd, 0.003_130_8)).select(magnitude * 12.92, curved);
+    encoded.copysign(linear)
+}
+
+/// As [`crate::color::srgb_to_linear`], within 2e-6 of itself.
+#[inline(always)]
+pub(crate) fn srgb_to_linear<S: Simd>(simd: S, encoded: V<S>) -> V<S> {
+    let magnitude = encoded.abs();
+    let curved = pow(simd, (magnitude + 0.055) * (1.0 / 1.055), 2.4);
+    let linear = magnitude.simd_le(splat(simd, 0.040_45)).select(magnitude * (1.0 / 12.92), curved);
+    linear.copysign(encoded)
+}
+
+/// Three numbers of each of eight.
+pub(crate) type V3<S> = [V<S>; 3];
+
+#[inline(always)]
+pub(crate) fn dot<S: Simd>(a: V3<S>, b: V3<S>) -> V<S> {
+    a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
+}
+
+#[inline(always)]
+pub(crate) fn cross<S: Simd>(a: V3<S>, b: V3<S>) -> V3<S> {
+    [a[1].mul_sub(b[2], a[2] * b[1]), a[2].mul_sub(b[0], a[0] * b[2]), a[0].mul_sub(b[1], a[1] * b[0])]
+}
+
+#[inline(always)]
+pub(crate) fn splat3<S: Simd>(simd: S, v: [f32; 3]) -> V3<S> {
+    v.map(|x| splat(simd, x))
+}
+
+/// The unit vector along v; zero where v is next to nothing.
+#[inline(always)]
+pub(crate) fn normalize_or_zero<S: Simd>(simd: S, v: V3<S>) -> V3<S> {
+    let squared = dot(v, v);
+    let scale = keep(simd, squared.simd_gt(splat(simd, 1e-36)), splat(simd, 1.0) / squared.sqrt());
+    v.map(|x| x * scale)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Compares a function with f64 on every level: the error at x must stay within `bound`.
+    macro_rules! check {
+        ($name:literal, |$simd:ident, $v:ident| $function:expr, $expected:expr, $inputs:expr, $bound:expr) => {
+            for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
+                for chunk in $inputs.chunks_exact(8) {
+                    let x: [f32; 8] = std::array::from_fn(|i| chunk[i]);
+                    let found: [f32; 8] = dispatch!(level, $simd => {
+                        let $v = f32x8::simd_from($simd, x);
+                        $function.into()
+                    });
+                    for (x, found) in x.into_iter().map(f64::from).zip(found) {
+                        let expected: f64 = $expected(x);
+                        let error = (f64::from(found) - expected).abs();
+                        assert!(error <= $bound(x, expected), "{level:?}: {}({x}) is off by {error:e}", $name);
+                    }
+                }
+            }
+        };
+    }
+
+    fn steps(from: f32, to: f32) -> Vec<f32> {
+        (0..8000).map(|i| from + (to - from) * i as f32 / 7999.0).collect()
+    }
+
+    #[test]
+    fn functions_keep_their_errors() {
+        check!("exp", |simd, v| exp(simd, v), f64::exp, steps(-86.9, 86.9), |x: f64, y: f64| y
+            * (4e-7 + 1.2e-7 * x.abs()));
+        let wide: Vec<f32> = steps(-37.0, 37.0).into_iter().map(|e| 10f32.powf(e)).collect();
+        check!("log2", |simd, v| log2(simd, v), f64::log2, wide, |_, y: f64| 2e-7 + 1e-7 * y.abs());
+        let thin: Vec<f32> = steps(-8.0, 2.0).into_iter().map(|e| 10f32.powf(e)).collect();
+        check!("opacity", |simd, v| opacity(simd, v), |t: f64| -(-t).exp_m1(), thin, |_, y: f64| 1e-6 * y);
+        check!(
+            "optical depth",
+            |simd, v| optical_depth(simd, v),
+            |a: f64| -(-a).ln_1p(),
+            steps(0.0, 0.99),
+            |_, y: f64| 3e-7 + 3e-7 * y
+        );
+        let phi = |x: f64| 0.5 * libm::erfc(-x * std::f64::consts::FRAC_1_SQRT_2);
+        check!("Φ", |simd, v| normal_cdf(simd, v), phi, steps(-8.0, 8.0), |_, _| 3e-7);
+        for e in [1.0 / 2.4, 2.4, 20.0] {
+            check!(
+                "pow",
+                |simd, v| pow(simd, v, e),
+                |x: f64| x.powf(e.into()),
+                steps(0.001, 2.0),
+                |x: f64, y: f64| { y * (4.0 + 4.0 * f64::from(e) * (1.0 + x.ln().abs())) * 1e-7 + 1e-37 }
+            );
+        }
+        let srgb = |x: f64| f64::from(crate::color::linear_to_srgb(x as f32));
+        check!("linear_to_srgb", |simd, v| linear_to_srgb(simd, v), srgb, steps(-1.0, 3.0), |_, _| 2e-6);
+        let linear = |x: f64| f64::from(crate::color::srgb_to_linear(x as f32));
+        check!(
+            "srgb_to_linear",
+            |simd, v| srgb_to_linear(simd, v),
+            linear,
+            steps(-1.0, 2.0),
+            |_, y: f64| 2e-6 * y.abs().max(0.1)
+        );
+    }
+
+    #[test]
+    fn a_level_is_found() {
+        assert!(Level::best().is_available() && Level::Scalar.is_available());
+    }
+}
