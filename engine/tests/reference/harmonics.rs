@@ -44,7 +44,8 @@ fn every_function_has_its_sign_and_size() {
     // polynomials, in the order and with the signs of trained scenes.
     let on = |n: f64| (n / (2.0 * TAU)).sqrt();
     let half = 0.5 * on(5.0);
-    let functions: [(f64, fn(f64, f64, f64) -> f64); 15] = [
+    type Polynomial = fn(f64, f64, f64) -> f64;
+    let functions: [(f64, Polynomial); 15] = [
         (on(3.0), |_, y, _| -y),
         (on(3.0), |_, _, z| z),
         (on(3.0), |x, _, _| -x),

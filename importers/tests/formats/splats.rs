@@ -56,7 +56,9 @@ impl Table {
     fn without(mut self, name: &str) -> Self {
         let at = self.at(name);
         self.columns.remove(at);
-        self.rows.iter_mut().for_each(|row| drop(row.remove(at)));
+        for row in &mut self.rows {
+            row.remove(at);
+        }
         self
     }
 
