@@ -1,4 +1,4 @@
-//! Meshes and volumes to a scene of splats and the view that shows it.
+//! Meshes, volumes and trained splats to a scene of splats and the view that shows it.
 
 use crate::content::{Body, Item};
 use crate::description::{CameraOptions, Look};
@@ -26,27 +26,32 @@ pub(crate) struct Assembled {
     pub(crate) view: View,
 }
 
-/// Turns items into splats. Volumes come first: they don't depend on the view, the view is framed on
-/// what they show, and the number of surfels of a mesh follows the view.
+/// Turns items into splats. Volumes and what is splats already come first: they don't depend on the view, the
+/// view is framed on what they show, and the number of surfels of a mesh follows the view.
 pub(crate) fn assemble(
-    items: &[Item],
+    items: Vec<Item>,
     camera: &CameraOptions,
     size: [u32; 2],
     lights: Vec<Light>,
     console: Console,
 ) -> Result<Assembled> {
-    let mut clouds = Vec::new();
-    for item in items {
-        if let Body::Volume(volume) = &item.body {
-            let _task = console.task(format!("splats of {}", item.name));
-            let shown = volume_clouds(volume, &item.look).with_context(|| item.name.clone())?;
-            if shown.iter().all(Cloud::is_empty) {
-                let range = volume
-                    .value_range()
-                    .map_or("no finite value".into(), |[a, b]| format!("values {a} to {b}"));
-                console.say(format_args!("{}: nothing in it is visible ({range})", item.name));
+    let holds_volume = items.iter().any(|item| matches!(item.body, Body::Volume(_)));
+    let (mut clouds, mut meshes) = (Vec::new(), Vec::new());
+    for Item { name, body, look } in items {
+        match body {
+            Body::Mesh(mesh) => meshes.push((name, mesh, look)),
+            Body::Splats(cloud) => clouds.push(cloud),
+            Body::Volume(volume) => {
+                let _task = console.task(format!("splats of {name}"));
+                let shown = volume_clouds(&volume, &look).with_context(|| name.clone())?;
+                if shown.iter().all(Cloud::is_empty) {
+                    let range = volume
+                        .value_range()
+                        .map_or("no finite value".into(), |[a, b]| format!("values {a} to {b}"));
+                    console.say(format_args!("{name}: nothing in it is visible ({range})"));
+                }
+                clouds.extend(shown);
             }
-            clouds.extend(shown);
         }
     }
 
@@ -55,38 +60,26 @@ pub(crate) fn assemble(
             let to_world = cloud.cloud_to_world();
             (0..cloud.len()).for_each(|i| see(to_world.transform_point3(cloud.center(i).as_dvec3())));
         }
-        for mesh in items.iter().filter_map(Item::mesh) {
+        for (_, mesh, _) in &meshes {
             for part in &mesh.primitives {
                 let to_world = part.primitive_to_mesh;
                 part.positions.iter().for_each(|p| see(to_world.transform_point3(p.as_dvec3())));
             }
         }
     };
-    let holds_volume = items.iter().any(|item| matches!(item.body, Body::Volume(_)));
     let up = if holds_volume { DVec3::Z } else { DVec3::Y };
     let view = View::complete(camera, &points, up, size)?;
     let camera = view.camera(size)?;
 
     let most = MOST_SURFELS.min(MOST_SURFELS_A_PIXEL * f64::from(size[0]) * f64::from(size[1]));
-    let whole: f64 = items.iter().filter_map(Item::mesh).map(Mesh::area).sum();
-    for item in items {
-        if let Some(mesh) = item.mesh() {
-            let _task = console.task(format!("surfels of {}", item.name));
-            // The meshes share the limit by their areas.
-            let share = (most * mesh.area() / whole) as usize;
-            clouds.push(surfels(mesh, &item.look, &camera, share).with_context(|| item.name.clone())?);
-        }
+    let whole: f64 = meshes.iter().map(|(_, mesh, _)| mesh.area()).sum();
+    for (name, mesh, look) in &meshes {
+        let _task = console.task(format!("surfels of {name}"));
+        // The meshes share the limit by their areas.
+        let share = (most * mesh.area() / whole) as usize;
+        clouds.push(surfels(mesh, look, &camera, share).with_context(|| name.clone())?);
     }
     Ok(Assembled { scene: Scene { clouds, lights }, camera, view })
-}
-
-impl Item {
-    fn mesh(&self) -> Option<&Mesh> {
-        match &self.body {
-            Body::Mesh(mesh) => Some(mesh),
-            Body::Volume(_) => None,
-        }
-    }
 }
 
 /// As many surfels as asked for; else one a pixel, at most `most`.

@@ -1,9 +1,10 @@
-//! Files to meshes and volumes that stand in the world.
+//! Files to meshes, volumes and splats that stand in the world.
 
 use crate::check::{Uses, Wrong};
 use crate::description::{ByteOrder, FileOptions, Kind, Look, SampleKind, Source};
-use anyhow::{Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use glam::{DAffine3, DMat3, DVec3};
+use oblate::engine::Cloud;
 use oblate::importers::{Endian, OpenOptions, Opened, RawLayout, SampleType};
 use oblate::surfels::Mesh;
 use oblate::volumes::{GridFrame, Volume};
@@ -23,17 +24,29 @@ pub(crate) struct Item {
 pub(crate) enum Body {
     Mesh(Mesh),
     Volume(Volume),
+    /// Trained splats.
+    Splats(Cloud),
 }
 
 /// Reads a file and puts it in its place. `given` are options for all files, which stand over the source's.
 pub(crate) fn load(source: Source, given: &FileOptions) -> Result<(Item, Uses)> {
     let name = source.path.display().to_string();
     let (opened, uses) = open(&source.path, &given.clone().over(source.file.clone()))?;
-    let body = match (opened, source.kind) {
-        (Opened::Mesh(_), Some(Kind::Volume)) => bail!("{name}: it is a mesh; list it under [[mesh]]"),
-        (Opened::Volume(_), Some(Kind::Mesh)) => bail!("{name}: it is a volume; list it under [[volume]]"),
-        (Opened::Mesh(mesh), _) => Body::Mesh(placed_mesh(mesh, source.placement)),
-        (Opened::Volume(volume), _) => Body::Volume(placed_volume(volume, source.placement)?),
+    let (kind, what) = match &opened {
+        Opened::Mesh(_) => (Kind::Mesh, "it is a mesh; list it under [[mesh]]"),
+        Opened::Volume(_) => (Kind::Volume, "it is a volume; list it under [[volume]]"),
+        Opened::Splats(_) => (Kind::Splats, "it holds splats; list it under [[splats]]"),
+    };
+    if source.kind.is_some_and(|wanted| wanted != kind) {
+        bail!("{name}: {what}");
+    }
+    let body = match opened {
+        Opened::Mesh(mesh) => Body::Mesh(placed_mesh(mesh, source.placement)),
+        Opened::Volume(volume) => Body::Volume(placed_volume(volume, source.placement)?),
+        Opened::Splats(splats) => {
+            let cloud = Cloud::new(splats).with_context(|| name.clone())?;
+            Body::Splats(cloud.transformed(source.placement))
+        }
     };
     // What a scene file says of one file must be of use for that file.
     let said = source.file.check_use(uses);
@@ -75,6 +88,7 @@ pub(crate) fn open(path: &Path, options: &FileOptions) -> Result<(Opened, Uses)>
             raw: !has_header && raw.is_none_or(|raw| raw.dims == volume.dims()),
             ..Uses::default()
         },
+        Opened::Splats(_) => Uses::default(),
     };
     Ok((opened, uses))
 }

@@ -38,6 +38,7 @@ pub(crate) struct Source {
 pub(crate) enum Kind {
     Mesh,
     Volume,
+    Splats,
 }
 
 impl Source {
@@ -113,7 +114,7 @@ pub(crate) struct PictureOptions {
     #[arg(long, value_name = "VARIANCE", allow_hyphen_values = true)]
     pub(crate) low_pass: Option<f64>,
     /// Space of shading and blending: linear light, or sRGB display values as many volume renderers use
-    /// [default: linear]
+    /// [default: linear; display where only trained splats are drawn]
     #[arg(long)]
     pub(crate) blend: Option<BlendSpace>,
     /// Lets a slow reference draw the picture: r1 integrates the filtered splats along pixel centres, r2

@@ -1,11 +1,12 @@
-//! oblate draws meshes, volumes and iso-surfaces with one primitive, the Gaussian *splat*, through one
+//! oblate draws meshes, volumes, iso-surfaces and trained Gaussians with one primitive, the Gaussian *splat*, through one
 //! rasterizer and one compositor, on the CPU.
 //!
 //! An oblate spheroid is a sphere flattened along one axis: flatten it a little and it is a kernel of a
 //! volume, flatten it all the way and it is a *surfel*, a sample of a surface. The way from a file to a
 //! picture:
 //!
-//! 1. [`importers::open`] reads a file into a [`surfels::Mesh`] or a [`volumes::Volume`].
+//! 1. [`importers::open`] reads a file into a [`surfels::Mesh`], a [`volumes::Volume`] or
+//!    [`engine::Splats`], which [`engine::Cloud::new`] takes as they are.
 //! 2. [`surfels::sample()`] spreads surfels over a mesh; [`volumes::iso_surfels`] over the surface at a value
 //!    of a volume; [`volumes::to_kernels`] turns its inside into kernels, under a
 //!    [`volumes::TransferFunction`]. Each gives an [`engine::Cloud`].

@@ -19,6 +19,9 @@
 //! translate = [128, 60, 64]
 //! surfel-spacing = 0.5
 //!
+//! [[splats]]                     # trained Gaussians; placed as meshes are
+//! path = "garden.ply"
+//!
 //! [[light]]
 //! kind = "directional"           # ambient, directional (towards) or point (position)
 //! towards = [1, -1, 2]
@@ -58,6 +61,8 @@ struct File {
     #[serde(default)]
     volume: Vec<Spanned<VolumeTable>>,
     #[serde(default)]
+    splats: Vec<Spanned<SplatsTable>>,
+    #[serde(default)]
     light: Vec<Spanned<LightTable>>,
     render: Option<Spanned<PictureOptions>>,
 }
@@ -89,6 +94,15 @@ struct VolumeTable {
     iso: Option<Vec<f32>>,
     iso_color: Option<Rgba>,
     transfer: Option<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SplatsTable {
+    path: PathBuf,
+    translate: Option<[f64; 3]>,
+    rotate: Option<[f64; 3]>,
+    scale: Option<Scale>,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -151,6 +165,9 @@ fn parse(text: &str, folder: &Path) -> Result<Description, Problem> {
         sources.push(in_table(text, table, |t| t.source(folder))?);
     }
     for table in file.mesh {
+        sources.push(in_table(text, table, |t| t.source(folder))?);
+    }
+    for table in file.splats {
         sources.push(in_table(text, table, |t| t.source(folder))?);
     }
     let camera = file.camera.map(|table| in_table(text, table, |t| t.check().map(|()| t)));
@@ -255,6 +272,16 @@ impl VolumeTable {
             placement: placement(self.translate, self.rotate, self.scale)?,
             file,
             look,
+        })
+    }
+}
+
+impl SplatsTable {
+    fn source(self, folder: &Path) -> Result<Source, Wrong> {
+        Ok(Source {
+            kind: Some(Kind::Splats),
+            placement: placement(self.translate, self.rotate, self.scale)?,
+            ..Source::new(folder.join(self.path))
         })
     }
 }

@@ -1,4 +1,4 @@
-//! Files to meshes and volumes.
+//! Files to meshes, volumes and splats.
 //!
 //! [`open`] tells formats by what a file holds, then by its name:
 //!
@@ -6,7 +6,7 @@
 //! |---|---|---|
 //! | glTF 2.0, GLB | mesh | [`gltf`](mod@gltf) |
 //! | OBJ with MTL and textures | mesh | [`obj`] |
-//! | PLY, ascii and binary | mesh | [`ply`] |
+//! | PLY, ascii and binary | mesh, or trained splats | [`ply`] |
 //! | NRRD, attached and detached | volume | [`nrrd`] |
 //! | VTI (VTK ImageData) | volume | [`vti`] |
 //! | raw samples, also under gzip | volume | [`raw`] |
@@ -15,7 +15,7 @@
 //! the bytes that are there before anything is allocated, decompression stops at the size that is
 //! expected, indices and offsets are checked, and what is wrong is an [`ImportError`] that says where.
 //!
-//! Meshes keep the axes of their file; glTF's are oblate's (+Y up, right-handed). Volumes keep the frame of
+//! Meshes and splats keep the axes of their file; glTF's are oblate's (+Y up, right-handed). Volumes keep the frame of
 //! their file, whatever it calls its axes; samples are voxel centres.
 
 mod error;
@@ -41,6 +41,7 @@ pub use raw::{Endian, LayoutError, RawLayout, SampleType, parse_dims};
 use file::File;
 use format::Format;
 use glam::DVec3;
+use oblate_engine::Splats;
 use oblate_surfels::Mesh;
 use oblate_volumes::Volume;
 use std::path::{Path, PathBuf};
@@ -63,6 +64,8 @@ pub enum Opened {
     Mesh(Mesh),
     /// Voxels.
     Volume(Volume),
+    /// Gaussians with peak opacities, as training makes them.
+    Splats(Splats),
 }
 
 /// Reads the file at `path`, whatever of the formats above it is.
@@ -75,7 +78,7 @@ pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Opened, Imp
     match Format::of(&file, options.raw.is_some()) {
         Format::Gltf => gltf::read(&file).map(Opened::Mesh),
         Format::Obj => obj::read(&file, options).map(Opened::Mesh),
-        Format::Ply => ply::read(&file, options).map(Opened::Mesh),
+        Format::Ply => ply::read(file, options),
         Format::Nrrd => nrrd::read(&file, options).map(Opened::Volume),
         Format::Vti => vti::read(&file, options).map(Opened::Volume),
         Format::Raw => raw::read(&file, options).map(Opened::Volume),

@@ -8,6 +8,7 @@ use crate::notation::comma_list;
 use anyhow::Result;
 use clap::Args;
 use glam::DVec3;
+use oblate::engine::{Harmonics, Splats, Strength};
 use oblate::importers::Opened;
 use oblate::surfels::Mesh;
 use oblate::volumes::{Histogram, Volume, propose_iso};
@@ -19,10 +20,10 @@ const BARS: usize = 24;
 /// Characters of its longest bar.
 const LONGEST: f64 = 48.0;
 
-/// Says what a mesh or a volume holds, and proposes an iso-value.
+/// Says what a mesh, a volume or a file of splats holds, and proposes an iso-value.
 #[derive(Args)]
 pub(crate) struct InfoArgs {
-    /// A mesh (glTF, GLB, OBJ, PLY) or a volume (NRRD, VTI, raw)
+    /// A mesh (glTF, GLB, OBJ, PLY), a volume (NRRD, VTI, raw) or trained splats (PLY)
     file: PathBuf,
     #[command(flatten)]
     options: FileOptions,
@@ -37,6 +38,7 @@ pub(crate) fn run(args: &InfoArgs) -> Result<()> {
     match opened {
         Opened::Mesh(mesh) => describe_mesh(&mesh, &mut text)?,
         Opened::Volume(volume) => describe_volume(&volume, &mut text)?,
+        Opened::Splats(splats) => describe_splats(&splats, &mut text)?,
     }
     print(&text)
 }
@@ -75,6 +77,30 @@ fn describe_mesh(mesh: &Mesh, text: &mut String) -> fmt::Result {
     }
     writeln!(text, "area        {}", short(mesh.area()))?;
     describe_bounds(mesh.bounds(), text)
+}
+
+fn describe_splats(splats: &Splats, text: &mut String) -> fmt::Result {
+    writeln!(text, "splats      {}", splats.centers.len())?;
+    let per_splat = splats.harmonics.as_ref().map_or(0, Harmonics::per_splat);
+    match &splats.harmonics {
+        Some(Harmonics { degree, .. }) => {
+            writeln!(
+                text,
+                "harmonics   degree {degree}: {per_splat} colours a splat beside the constant one"
+            )?;
+        }
+        None => writeln!(text, "harmonics   none: the same colour from everywhere")?,
+    }
+    if let Strength::Opacity { peaks } = &splats.strength {
+        let (low, high) = peaks.iter().fold((1.0_f32, 0.0_f32), |(low, high), p| (low.min(*p), high.max(*p)));
+        writeln!(text, "opacity     {} to {}", short(low.into()), short(high.into()))?;
+    }
+    let mut bounds = None;
+    for center in splats.centers.iter().map(|p| p.as_dvec3()) {
+        let [low, high] = bounds.unwrap_or([center; 2]);
+        bounds = Some([low.min(center), high.max(center)]);
+    }
+    describe_bounds(bounds, text)
 }
 
 fn describe_volume(volume: &Volume, text: &mut String) -> fmt::Result {

@@ -3,7 +3,7 @@
 use super::print;
 use crate::assemble::{Assembled, assemble};
 use crate::check::{Uses, Wrong};
-use crate::content::{Item, load};
+use crate::content::{Body, Item, load};
 use crate::description::{CameraOptions, Description, FileOptions, Look, PictureOptions, Source, Transfer};
 use crate::draw::{Drawing, draw_repeatedly};
 use crate::output::Output;
@@ -13,17 +13,17 @@ use crate::stats::{FrameTimes, Stats, median, milliseconds, peak_mib};
 use crate::{built_in, scene_file, transfer};
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use oblate::engine::{Scene, Stage};
+use oblate::engine::{Blend, Scene, Stage};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Draws a picture of a scene file, of meshes and volumes, or of the built-in scene.
+/// Draws a picture of a scene file, of meshes, volumes and trained splats, or of the built-in scene.
 ///
-/// Meshes (glTF, GLB, OBJ, PLY) and volumes (NRRD, VTI, raw) given together stand in one scene. Without a
-/// file the built-in scene is drawn. The camera used is printed so that it can be refined.
+/// Meshes (glTF, GLB, OBJ, PLY), volumes (NRRD, VTI, raw) and trained splats (PLY) given together stand in one
+/// scene. Without a file the built-in scene is drawn. The camera used is printed so that it can be refined.
 #[derive(Args)]
 pub(crate) struct RenderArgs {
-    /// A scene file (TOML), or meshes and volumes; none: the built-in scene
+    /// A scene file (TOML), or meshes, volumes and splats; none: the built-in scene
     #[arg(value_name = "SCENE.toml | FILE")]
     files: Vec<PathBuf>,
 
@@ -95,7 +95,7 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     let mut described = if built_in { built_in::description() } else { describe(args.files)? };
     described.picture = args.picture.over(described.picture);
     described.camera = args.camera.over(described.camera);
-    let drawing = Drawing::new(&described.picture)?;
+    let mut drawing = Drawing::new(&described.picture)?;
     let ((items, uses), load_time) = timed(|| {
         if built_in {
             return Ok((built_in::items(console)?, Uses { mesh: true, volume: true, ..Uses::default() }));
@@ -110,10 +110,12 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     // What is said here counts for each file.
     let over = |item: Item| Item { look: args.look.clone().over(item.look), ..item };
     let items: Vec<Item> = items.into_iter().map(over).collect();
+    if described.picture.blend.is_none() {
+        drawing.settings.blend = blend(&items, console);
+    }
     let size = drawing.size;
     let (Assembled { scene, camera, view }, build_time) =
-        timed(|| assemble(&items, &described.camera, size, described.lights, console))?;
-    drop(items);
+        timed(|| assemble(items, &described.camera, size, described.lights, console))?;
     console.say(format_args!("camera: {view}"));
 
     let (frame, times) = if stats.is_some() || args.repeat.is_some() {
@@ -136,6 +138,21 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     Ok(())
 }
 
+/// The space of blending where nothing is said: trained splats by themselves are blended where they were trained.
+fn blend(items: &[Item], console: Console) -> Blend {
+    let trained = items.iter().filter(|item| matches!(item.body, Body::Splats(_))).count();
+    if trained == 0 {
+        Blend::Linear
+    } else if trained == items.len() {
+        console.say("blended in display space, where these splats were trained");
+        Blend::Display
+    } else {
+        console
+            .say("blended in linear light, not in display space, where the splats among these were trained");
+        Blend::Linear
+    }
+}
+
 /// A scene file's description, or one of the files as they are.
 fn describe(files: Vec<PathBuf>) -> Result<Description> {
     let is_scene = |path: &Path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
@@ -147,7 +164,7 @@ fn describe(files: Vec<PathBuf>) -> Result<Description> {
             let description = scene_file::read(path)?;
             ensure!(
                 !description.sources.is_empty(),
-                "{}: it lists no [[mesh]] and no [[volume]]",
+                "{}: it lists no [[mesh]], no [[volume]] and no [[splats]]",
                 path.display()
             );
             Ok(description)

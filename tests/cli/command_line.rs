@@ -42,7 +42,7 @@ fn help_lists_every_option_with_its_default() {
         "[default: 202020]",
         "[default: auto]",
         "[default: 0.3]",
-        "[default: linear]",
+        "[default: linear; display where only trained splats are drawn]",
         "[default: on]",
         "[default: off]",
         "[default: all cores]",

@@ -7,3 +7,4 @@ mod compare;
 mod place;
 mod render;
 mod scene_files;
+mod splats;

@@ -16,6 +16,7 @@
 //! * `Surface` samples end at the settings' cut-off, as the rule of layers needs a support, and their
 //!   coverage is renormalised for it. A surface is a cut: the volume before it is integrated up to
 //!   exactly its z.
+//! * Harmonics are those of the direction in which a splat's centre is seen, as the rasterizer's.
 //! * Blending in display space filters there too: R2 averages its rays before colours are decoded.
 //!
 //! * Flat splats get a thickness of 1e-6 of their size. Volume kernels shade at their centres, surfaces a
@@ -27,6 +28,7 @@
 //! each: 1.45 million kernels on 256×256 pixels take 110 seconds of one core and 120 MB beside the scene.
 
 mod gaussian;
+mod harmonics;
 mod integral;
 mod layers;
 mod shading;

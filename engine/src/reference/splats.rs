@@ -1,12 +1,13 @@
 //! The scene's splats in camera space, in f64.
 
 use super::gaussian::Gaussian;
+use super::harmonics;
 use super::integral::{Fragment, REACH};
 use super::layers::Sample;
 use super::shading::{Lighting, Spot};
 use super::view::{Ray, View};
 use crate::cloud::Cloud;
-use crate::color::linear_to_srgb;
+use crate::color::{linear_to_srgb, srgb_to_linear};
 use crate::columns::Kind;
 use crate::scene::{Blend, RenderSettings, Scene};
 use glam::{DAffine3, DMat3, DVec3};
@@ -131,6 +132,23 @@ impl<'a> Setup<'a> {
         })
     }
 
+    /// A splat's colour as it is seen, in the space of blending.
+    fn color(&self, placed: &Placed<'_>, index: usize, center: DVec3) -> DVec3 {
+        let splats = placed.cloud.columns();
+        let Some(own) = &splats.harmonics else { return self.encode(splats.color(index)) };
+        // The cloud's own axes are those of its harmonics.
+        let to_cloud = placed.to_camera.matrix3.inverse();
+        let direction = (to_cloud * self.view.direction(center)).normalize_or_zero();
+        let display = DVec3::from_array(splats.color(index).map(|c| f64::from(linear_to_srgb(c))));
+        let varying =
+            if direction == DVec3::ZERO { DVec3::ZERO } else { harmonics::sum(direction, own.row(index)) };
+        let seen = (display + varying).max(DVec3::ZERO);
+        match self.settings.blend {
+            Blend::Linear => DVec3::from_array(seen.to_array().map(|c| f64::from(srgb_to_linear(c as f32)))),
+            Blend::Display => seen,
+        }
+    }
+
     /// The balls of all splats that can be seen at all.
     pub(super) fn balls(&self) -> Vec<Ball> {
         let of_cloud = |placed: &Placed<'a>| {
@@ -187,7 +205,7 @@ impl<'a> Setup<'a> {
         let splats = placed.cloud.columns();
         let (center, columns) = self.columns(placed, index);
         let gaussian = Gaussian::new(center, &columns)?;
-        let color = self.encode(splats.color(index));
+        let color = self.color(placed, index, center);
         let normal = (placed.normal_to_camera * splats.normal(index).as_dvec3()).normalize_or_zero();
         let strength = match &splats.kind {
             Kind::Surface(surface) => {

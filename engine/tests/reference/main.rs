@@ -8,12 +8,13 @@ use oblate_engine::cloud::oblate_factor;
 use oblate_engine::color::{linear_to_srgb, srgb_to_linear};
 use oblate_engine::reference::{ReferenceKind, reference};
 use oblate_engine::{
-    Blend, Camera, Cloud, Frame, Intrinsics, Light, Material, Pose, Projection, RenderSettings, Scene,
-    Shapes, Splats, Strength, Surface,
+    Blend, Camera, Cloud, Frame, Harmonics, Intrinsics, Light, Material, Pose, Projection, RenderSettings,
+    Scene, Shapes, Splats, Strength, Surface,
 };
 use std::f64::consts::TAU;
 use std::sync::Mutex;
 
+mod harmonics;
 mod pictures;
 mod surfaces;
 mod volumes;

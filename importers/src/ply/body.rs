@@ -27,6 +27,7 @@ impl<T> Column<T> {
 }
 
 /// Reads elements in the order of the header.
+#[derive(Clone)]
 pub(crate) struct Body<'a> {
     file: &'a File,
     encoding: Encoding,
@@ -69,6 +70,37 @@ impl<'a> Body<'a> {
             self.end_row(element, row)?;
         }
         Ok(columns)
+    }
+
+    /// Readers of the next element's rows, each of as many rows as given, which can work at the same time, and that
+    /// number: about `rows`, or all where only reading tells where a row begins.
+    pub(crate) fn split(self, element: &Element, rows: usize) -> Result<(Vec<Self>, usize), ImportError> {
+        self.check_size(element)?;
+        match element.row_size().filter(|_| self.encoding != Encoding::Ascii) {
+            None => Ok((vec![self], element.rows.max(1))),
+            Some(size) => {
+                let part = |first| Self { at: self.at + first * size, ..self.clone() };
+                Ok(((0..element.rows).step_by(rows).map(part).collect(), rows))
+            }
+        }
+    }
+
+    /// Reads a row's numbers to their places in `record`; there is a place or none for each property.
+    pub(crate) fn record(
+        &mut self,
+        element: &Element,
+        row: usize,
+        places: &[Option<usize>],
+        record: &mut [f32],
+    ) -> Result<(), ImportError> {
+        self.begin_row(element, row)?;
+        for (property, place) in element.properties.iter().zip(places) {
+            match (property.kind, place) {
+                (Kind::Scalar(scalar), Some(place)) => record[*place] = self.next(scalar)? as f32,
+                (kind, _) => self.read::<f32>(kind, None)?,
+            }
+        }
+        self.end_row(element, row)
     }
 
     fn read<T: FromF64>(&mut self, kind: Kind, column: Option<&mut Column<T>>) -> Result<(), ImportError> {

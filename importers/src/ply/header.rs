@@ -52,9 +52,22 @@ impl Element {
     pub(crate) fn kind(&self, name: &str) -> Option<Kind> {
         self.properties.iter().find(|property| property.name == name).map(|property| property.kind)
     }
+
+    /// Bytes of a binary row; `None` where lists make them differ.
+    pub(crate) fn row_size(&self) -> Option<usize> {
+        self.properties.iter().try_fold(0, |size, property| match property.kind {
+            Kind::Scalar(scalar) => Some(size + scalar.size()),
+            Kind::List { .. } => None,
+        })
+    }
 }
 
 impl Header {
+    /// The first element of this name.
+    pub(crate) fn element(&self, name: &str) -> Option<&Element> {
+        self.elements.iter().find(|element| element.name == name)
+    }
+
     pub(crate) fn parse(file: &File) -> Result<Self, ImportError> {
         let mut encoding = None;
         let mut header =

@@ -1,5 +1,6 @@
 //! Files for the tests to open.
 
+use oblate_engine::Splats;
 use oblate_importers::{ImportError, OpenOptions, Opened, open};
 use oblate_surfels::{Mesh, Primitive};
 use oblate_volumes::Volume;
@@ -70,7 +71,7 @@ pub(crate) fn refused(opened: Result<Opened, ImportError>, name: &str, parts: &[
 pub(crate) fn volume(opened: Result<Opened, ImportError>) -> Volume {
     match opened.unwrap_or_else(|error| panic!("{error}")) {
         Opened::Volume(volume) => volume,
-        Opened::Mesh(_) => panic!("a volume is expected"),
+        _ => panic!("a volume is expected"),
     }
 }
 
@@ -78,7 +79,15 @@ pub(crate) fn volume(opened: Result<Opened, ImportError>) -> Volume {
 pub(crate) fn mesh(opened: Result<Opened, ImportError>) -> Mesh {
     match opened.unwrap_or_else(|error| panic!("{error}")) {
         Opened::Mesh(mesh) => mesh,
-        Opened::Volume(_) => panic!("a mesh is expected"),
+        _ => panic!("a mesh is expected"),
+    }
+}
+
+#[track_caller]
+pub(crate) fn splats(opened: Result<Opened, ImportError>) -> Splats {
+    match opened.unwrap_or_else(|error| panic!("{error}")) {
+        Opened::Splats(splats) => splats,
+        _ => panic!("splats are expected"),
     }
 }
 

@@ -10,4 +10,5 @@ mod obj;
 mod ply;
 mod raw;
 mod real_data;
+mod splats;
 mod vti;

@@ -2,6 +2,7 @@
 //! cases than the usual 256.
 
 use crate::common::{Folder, as_text, base64, corner_marked, gzip, png, zlib};
+use oblate_engine::Cloud;
 use oblate_importers::Opened;
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -55,9 +56,16 @@ fn changed(mut bytes: Vec<u8>, changes: &[Change]) -> Vec<u8> {
     bytes
 }
 
-/// A mesh that opened must keep what `Primitive` promises.
+/// A mesh that opened must keep what `Primitive` promises, and splats must make a cloud.
 fn check(opened: &Opened) {
-    let Opened::Mesh(mesh) = opened else { return };
+    let mesh = match opened {
+        Opened::Mesh(mesh) => mesh,
+        Opened::Volume(_) => return,
+        Opened::Splats(splats) => {
+            assert!(Cloud::new(splats.clone()).is_ok_and(|cloud| !cloud.is_empty()));
+            return;
+        }
+    };
     for primitive in &mesh.primitives {
         let count = primitive.positions.len();
         assert!(primitive.triangles.iter().flatten().all(|&corner| (corner as usize) < count));
@@ -149,6 +157,13 @@ fn ply() {
     survives("a.ply", binary, &[("a.png", png())]);
     let rows = "0 0 0 255 128 0\n1 0 0 255 128 0\n0 1 0 255 128 0\n3 0 1 2 6 0 0 1 0 0 1\n";
     survives("a.ply", (header("ascii") + rows).into_bytes(), &[("a.png", png())]);
+}
+
+#[test]
+fn splats() {
+    for encoding in ["ascii", "binary_little_endian", "binary_big_endian"] {
+        survives("a.ply", crate::splats::example(encoding), &[]);
+    }
 }
 
 #[test]

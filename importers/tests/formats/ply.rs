@@ -10,7 +10,7 @@ enum Value {
 
 use Value::{List, One};
 
-fn bytes(kind: &str, value: f64, big: bool) -> Vec<u8> {
+pub(crate) fn bytes(kind: &str, value: f64, big: bool) -> Vec<u8> {
     macro_rules! bytes {
         ($type:ty) => {
             if big {
