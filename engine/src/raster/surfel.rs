@@ -218,9 +218,8 @@ impl Surfel<'_> {
             return f32::NEG_INFINITY;
         }
         let [x, y] = part.corner.map(|corner| corner + 3.5);
-        let over_block = |slope: [f32; 2]| {
-            [slope[0] * x + slope[1] * y, 3.5 * (slope[0].abs() + slope[1].abs())]
-        };
+        let over_block =
+            |slope: [f32; 2]| [slope[0] * x + slope[1] * y, 3.5 * (slope[0].abs() + slope[1].abs())];
         let [rise, range] = over_block(self.record.depth_slope);
         // To first order the plane rises by −ζ t, t the change of n·v; the rest is at most ζ t²/(1 − |t|).
         let [change, _] = over_block(self.tilt);
