@@ -370,3 +370,45 @@ pub(crate) fn area_scale(linear: DMat3, factor: Mat3) -> f64 {
     let before = a.cross(b).length();
     if before > 0.0 { (linear * a).cross(linear * b).length() / before } else { 0.0 }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_wrong_number_is_reported() {
+        let count = 3 * CHECKED_TOGETHER + 5;
+        let splats = |wrong: &[usize]| {
+            let mut masses = vec![1.0; count];
+            for index in wrong {
+                masses[*index] = -1.0;
+            }
+            Splats {
+                centers: vec![Vec3::ZERO; count],
+                shapes: Shapes::Shared(Mat3::IDENTITY),
+                strength: Strength::Extinction { masses },
+                colors: vec![[0.5; 3]; count],
+                harmonics: None,
+                normals: None,
+                material: Material::default(),
+            }
+        };
+        let cases: [&[usize]; 3] = [&[count - 1], &[count - 2, CHECKED_TOGETHER], &[7, 8, count - 1]];
+        for (wrong, first) in cases.into_iter().zip([count - 1, CHECKED_TOGETHER, 7]) {
+            let (what, value) = ("masses", "-1".to_owned());
+            let expected = "a mass is finite and at least 0";
+            assert_eq!(
+                Cloud::new(splats(wrong)),
+                Err(CloudError::Value { index: first, what, value, expected })
+            );
+        }
+        let coefficients = vec![[0.0, f32::NAN, 0.0]; 3 * count];
+        let harmonics = Some(Harmonics { degree: 1, coefficients });
+        let error = Cloud::new(Splats { harmonics, ..splats(&[]) });
+        assert!(matches!(error, Err(CloudError::Value { index: 0, .. })), "{error:?}");
+        let mut centers = vec![Vec3::ZERO; count];
+        centers[count - 3].y = f32::INFINITY;
+        let error = Cloud::new(Splats { centers, ..splats(&[0]) });
+        assert!(matches!(error, Err(CloudError::Value { what: "centre", .. })), "{error:?}");
+    }
+}

@@ -257,7 +257,7 @@ mod tests {
 
     #[test]
     fn what_goes_in_comes_out() {
-        for count in [0, 1, 8, 13] {
+        for count in [0, 1, 8, 13, 2 * BLOCKS_A_TASK * LANES + 3] {
             let number = |i: usize| i as f32;
             let splats = Splats {
                 centers: (0..count).map(|i| Vec3::new(number(i), 1.0, -number(i))).collect(),
