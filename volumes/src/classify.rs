@@ -103,20 +103,22 @@ impl<'a, T: Sample> Classification<'a, T> {
     /// The numbers of a brick's samples that show.
     fn shown(&self, brick: usize) -> impl Iterator<Item = usize> {
         let BrickRange { base, range } = self.bricks[brick];
-        let dims = self.volume.dims();
+        let (dims, first) = (self.volume.dims(), self.volume.place(base));
         let whole = (0..3).all(|axis| base[axis] + SIDE <= dims[axis]);
-        let first = self.volume.place(base);
-        let samples = if self.lookup.transfer.shows_within(range) { MORTON.len() } else { 0 };
-        (0..samples).map(move |local| (brick * MORTON.len() + local, local)).filter_map(
-            move |(number, local)| {
-                let within = |index: [usize; 3]| (0..3).all(|axis| index[axis] < dims[axis]);
-                let inside = whole || within(self.index(number));
-                let shows = inside
-                    && self.lookup.extinction(self.samples[first + self.offsets[local]].into()) > 0.0
-                    && self.ramp_factor(|| self.index(number)) > 0.0;
-                shows.then_some(number)
-            },
-        )
+        let in_grid = move |number: usize| {
+            whole || {
+                let index = self.index(number);
+                (0..3).all(|axis| index[axis] < dims[axis])
+            }
+        };
+        let extinction = move |number: usize| {
+            let place = first + self.offsets[number % MORTON.len()];
+            self.lookup.extinction(self.samples[place].into())
+        };
+        let count = if self.lookup.transfer.shows_within(range) { MORTON.len() } else { 0 };
+        (brick * MORTON.len()..).take(count).filter(move |&number| {
+            in_grid(number) && extinction(number) > 0.0 && self.ramp_factor(|| self.index(number)) > 0.0
+        })
     }
 
     /// The sample's indices in the grid.
