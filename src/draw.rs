@@ -6,7 +6,7 @@ use crate::progress::Console;
 use crate::stats::{FrameTimes, StageClock};
 use anyhow::{Result, ensure};
 use oblate::engine::reference::{ReferenceKind, reference};
-use oblate::engine::{Blend, Camera, FootprintForm, Frame, RenderSettings, Scene, render};
+use oblate::engine::{Blend, Camera, Channels, FootprintForm, Frame, RenderSettings, Renderer, Scene};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
@@ -24,8 +24,8 @@ pub(crate) struct Drawing {
 }
 
 impl Drawing {
-    /// The options, which were checked, with their defaults.
-    pub(crate) fn new(options: &PictureOptions) -> Result<Self> {
+    /// The options, which were checked, with their defaults, for a frame with these channels.
+    pub(crate) fn new(options: &PictureOptions, channels: Channels) -> Result<Self> {
         let defaults = RenderSettings::default();
         let low_pass = options.low_pass.unwrap_or(defaults.low_pass);
         let choice = options.reference.unwrap_or_default();
@@ -39,6 +39,7 @@ impl Drawing {
                 blend: options.blend.map_or(Blend::default(), Into::into),
                 shade: options.shade.unwrap_or(true),
                 background: options.background.unwrap_or(Rgba::from_bytes(BACKGROUND)).0,
+                channels,
                 ..defaults
             },
             reference: match choice {
@@ -49,47 +50,45 @@ impl Drawing {
         })
     }
 
-    /// Draws a frame and measures it.
+    /// Draws a frame, and where it is to be measured one that warms up and then `measured` more; gives the last, and
+    /// the times of those that count.
     pub(crate) fn draw(
         &self,
         scene: &Scene,
         camera: &Camera,
+        measured: Option<usize>,
         console: Console,
-    ) -> Result<(Frame, FrameTimes)> {
-        let clock = StageClock::default();
-        let task = console.task("drawing");
-        let begun = Instant::now();
-        let frame = match self.reference {
-            None => render(scene, camera, &self.settings, &clock)?,
-            Some(kind) => {
-                let most = AtomicU64::new(0);
-                let progress = |rows: usize| {
-                    let rows = most.fetch_max(rows as u64, Ordering::Relaxed).max(rows as u64);
-                    task.at(rows, u64::from(self.size[1]));
-                };
-                reference(scene, camera, &self.settings, kind, &progress)?
+    ) -> Result<(Frame, Vec<FrameTimes>)> {
+        let _task = self.reference.is_none().then(|| console.task("drawing"));
+        let mut renderer = Renderer::new();
+        let mut frame = None;
+        let mut times = Vec::new();
+        for _ in 0..=measured.unwrap_or(0) {
+            let clock = StageClock::default();
+            let begun = Instant::now();
+            match self.reference {
+                None => drop(renderer.render(scene, camera, &self.settings, &clock)?),
+                Some(kind) => frame = Some(self.draw_reference(scene, camera, kind, console)?),
             }
-        };
-        let times = clock.finish(begun.elapsed(), rayon::current_num_threads());
-        Ok((frame, times))
+            times.push(clock.finish(begun.elapsed(), rayon::current_num_threads()));
+        }
+        let first = usize::from(measured.is_some());
+        Ok((frame.unwrap_or_else(|| renderer.into_frame()), times.split_off(first)))
     }
-}
 
-/// Draws `repeats` frames (at least 1) after one that warms up; gives the last, and the times of all but the
-/// first.
-pub(crate) fn draw_repeatedly(
-    drawing: &Drawing,
-    scene: &Scene,
-    camera: &Camera,
-    repeats: usize,
-    console: Console,
-) -> Result<(Frame, Vec<FrameTimes>)> {
-    let (mut frame, _) = drawing.draw(scene, camera, console)?;
-    let mut times = Vec::new();
-    for _ in 0..repeats {
-        let (next, time) = drawing.draw(scene, camera, console)?;
-        frame = next;
-        times.push(time);
+    fn draw_reference(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        kind: ReferenceKind,
+        console: Console,
+    ) -> Result<Frame> {
+        let task = console.task("drawing");
+        let most = AtomicU64::new(0);
+        let progress = |rows: usize| {
+            let rows = most.fetch_max(rows as u64, Ordering::Relaxed).max(rows as u64);
+            task.at(rows, u64::from(self.size[1]));
+        };
+        Ok(reference(scene, camera, &self.settings, kind, &progress)?)
     }
-    Ok((frame, times))
 }

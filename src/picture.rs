@@ -5,7 +5,7 @@ mod png;
 
 use crate::output::WriteSeek;
 use anyhow::{Context, Result, bail};
-use oblate::engine::Frame;
+use oblate::engine::{Channels, Frame};
 use std::path::Path;
 
 /// How a picture is stored.
@@ -30,6 +30,11 @@ impl Format {
             (Some("exr"), Some(_)) => bail!("--bits is for PNG; {} has 32 a channel", path.display()),
             _ => bail!("{}: pictures are written as .png or .exr", path.display()),
         }
+    }
+
+    /// What it holds of a frame.
+    pub(crate) fn channels(self) -> Channels {
+        if self == Self::Exr { Channels::All } else { Channels::Color }
     }
 
     /// Writes a frame.

@@ -3,6 +3,8 @@
 use crate::columns::Columns;
 use crate::cull::{self, Cluster};
 use glam::{DAffine3, DMat3, Mat3, Vec3};
+use rayon::prelude::*;
+use std::fmt::Debug;
 use thiserror::Error;
 
 /// The covariances of a cloud's splats, each as a factor **F** with **Σ = F Fᵀ**.
@@ -175,7 +177,7 @@ impl Cloud {
     /// When arrays differ in length or a number is not finite or outside its documented range.
     pub fn new(splats: Splats) -> Result<Self, CloudError> {
         validate(&splats)?;
-        let columns = Columns::new(&splats);
+        let columns = Columns::new(splats);
         let clusters = cull::clusters(&columns);
         Ok(Self { columns, clusters, cloud_to_world: DAffine3::IDENTITY })
     }
@@ -242,6 +244,9 @@ impl Cloud {
     }
 }
 
+/// Values that a thread checks at a time.
+const CHECKED_TOGETHER: usize = 4096;
+
 fn validate(splats: &Splats) -> Result<(), CloudError> {
     let expected = splats.centers.len();
     if expected >= u32::MAX as usize {
@@ -250,30 +255,20 @@ fn validate(splats: &Splats) -> Result<(), CloudError> {
     let length = |array: &'static str, found: usize| {
         if found == expected { Ok(()) } else { Err(CloudError::Length { array, found, expected }) }
     };
-    let finite = |what: &'static str, index: usize, ok: bool, value: &dyn std::fmt::Debug| {
-        if ok {
-            return Ok(());
-        }
-        Err(CloudError::Value { index, what, value: format!("{value:?}"), expected: "it must be finite" })
-    };
     let range = |what: &'static str, values: &[f32], high: f32, expected: &'static str| {
         length(what, values.len())?;
-        match values.iter().position(|v| !(*v >= 0.0 && *v <= high)) {
+        match first_wrong(values, |v| *v >= 0.0 && *v <= high) {
             None => Ok(()),
             Some(index) => Err(CloudError::Value { index, what, value: values[index].to_string(), expected }),
         }
     };
 
-    for (index, center) in splats.centers.iter().enumerate() {
-        finite("centre", index, center.is_finite(), center)?;
-    }
+    finite("centre", &splats.centers, 1, |center| center.is_finite())?;
     match &splats.shapes {
-        Shapes::Shared(factor) => finite("shape", 0, factor.is_finite(), factor)?,
+        Shapes::Shared(factor) => finite("shape", &[*factor], 1, Mat3::is_finite)?,
         Shapes::Each(factors) => {
             length("shapes", factors.len())?;
-            for (index, factor) in factors.iter().enumerate() {
-                finite("shape", index, factor.is_finite(), factor)?;
-            }
+            finite("shape", factors, 1, Mat3::is_finite)?;
         }
     }
     let Material { ambient, diffuse, specular, exponent } = splats.material;
@@ -286,9 +281,8 @@ fn validate(splats: &Splats) -> Result<(), CloudError> {
         }
     }
     length("colors", splats.colors.len())?;
-    for (index, color) in splats.colors.iter().enumerate() {
-        finite("colour", index, color.iter().all(|c| c.is_finite()), color)?;
-    }
+    let finite_color = |color: &[f32; 3]| color.iter().all(|c| c.is_finite());
+    finite("colour", &splats.colors, 1, finite_color)?;
     if let Some(harmonics) = &splats.harmonics {
         let Harmonics { degree, coefficients } = harmonics;
         if !(1..=3).contains(degree) {
@@ -300,16 +294,11 @@ fn validate(splats: &Splats) -> Result<(), CloudError> {
             let (array, found) = ("harmonics", coefficients.len());
             return Err(CloudError::Length { array, found, expected: expected * per_splat });
         }
-        for (number, color) in coefficients.iter().enumerate() {
-            let ok = color.iter().all(|c| c.is_finite());
-            finite("coefficient of harmonics", number / per_splat, ok, color)?;
-        }
+        finite("coefficient of harmonics", coefficients, per_splat, finite_color)?;
     }
     if let Some(normals) = &splats.normals {
         length("normals", normals.len())?;
-        for (index, normal) in normals.iter().enumerate() {
-            finite("normal", index, normal.is_finite(), normal)?;
-        }
+        finite("normal", normals, 1, |normal| normal.is_finite())?;
     }
     match &splats.strength {
         Strength::Extinction { masses } => {
@@ -339,6 +328,32 @@ fn validate(splats: &Splats) -> Result<(), CloudError> {
     }
 }
 
+/// Refuses the first of the values, `per_splat` for each splat, that is not finite.
+fn finite<T: Debug + Sync>(
+    what: &'static str,
+    values: &[T],
+    per_splat: usize,
+    is_finite: impl Fn(&T) -> bool + Sync,
+) -> Result<(), CloudError> {
+    match first_wrong(values, is_finite) {
+        None => Ok(()),
+        Some(wrong) => {
+            let (index, value) = (wrong / per_splat, format!("{:?}", values[wrong]));
+            Err(CloudError::Value { index, what, value, expected: "it must be finite" })
+        }
+    }
+}
+
+/// Where the first value is that is not right.
+fn first_wrong<T: Sync>(values: &[T], right: impl Fn(&T) -> bool + Sync) -> Option<usize> {
+    let search = |(number, values): (usize, &[T])| {
+        // Looking at all of them needs no branch; almost always that is enough.
+        let all = values.iter().fold(true, |all, value| all & right(value));
+        if all { None } else { Some(number * CHECKED_TOGETHER + values.iter().position(|v| !right(v))?) }
+    };
+    values.par_chunks(CHECKED_TOGETHER).enumerate().find_map_first(search)
+}
+
 /// The factor F of a flattened splat (Σ = F Fᵀ) with its normal along `normal`, radius `radius` and
 /// thickness `radius / flattening`; `flattening` is from 1 (round) to infinity (a surfel). A zero normal gives
 /// the z axis.
@@ -354,4 +369,46 @@ pub(crate) fn area_scale(linear: DMat3, factor: Mat3) -> f64 {
     let (a, b) = (factor.x_axis.as_dvec3(), factor.y_axis.as_dvec3());
     let before = a.cross(b).length();
     if before > 0.0 { (linear * a).cross(linear * b).length() / before } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_wrong_number_is_reported() {
+        let count = 3 * CHECKED_TOGETHER + 5;
+        let splats = |wrong: &[usize]| {
+            let mut masses = vec![1.0; count];
+            for index in wrong {
+                masses[*index] = -1.0;
+            }
+            Splats {
+                centers: vec![Vec3::ZERO; count],
+                shapes: Shapes::Shared(Mat3::IDENTITY),
+                strength: Strength::Extinction { masses },
+                colors: vec![[0.5; 3]; count],
+                harmonics: None,
+                normals: None,
+                material: Material::default(),
+            }
+        };
+        let cases: [&[usize]; 3] = [&[count - 1], &[count - 2, CHECKED_TOGETHER], &[7, 8, count - 1]];
+        for (wrong, first) in cases.into_iter().zip([count - 1, CHECKED_TOGETHER, 7]) {
+            let (what, value) = ("masses", "-1".to_owned());
+            let expected = "a mass is finite and at least 0";
+            assert_eq!(
+                Cloud::new(splats(wrong)),
+                Err(CloudError::Value { index: first, what, value, expected })
+            );
+        }
+        let coefficients = vec![[0.0, f32::NAN, 0.0]; 3 * count];
+        let harmonics = Some(Harmonics { degree: 1, coefficients });
+        let error = Cloud::new(Splats { harmonics, ..splats(&[]) });
+        assert!(matches!(error, Err(CloudError::Value { index: 0, .. })), "{error:?}");
+        let mut centers = vec![Vec3::ZERO; count];
+        centers[count - 3].y = f32::INFINITY;
+        let error = Cloud::new(Splats { centers, ..splats(&[0]) });
+        assert!(matches!(error, Err(CloudError::Value { what: "centre", .. })), "{error:?}");
+    }
 }

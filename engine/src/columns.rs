@@ -2,9 +2,13 @@
 
 use crate::cloud::{Harmonics, Material, Shapes, Splats, Strength, Surface};
 use glam::{Mat3, Vec3};
+use rayon::prelude::*;
 
 /// Splats of a block.
 pub(crate) const LANES: usize = 8;
+
+/// The least number of blocks that a thread makes at a time.
+const BLOCKS_A_TASK: usize = 256;
 
 /// One number of each splat of a block.
 pub(crate) type Lanes = [f32; LANES];
@@ -15,16 +19,13 @@ pub(crate) type Lanes = [f32; LANES];
 pub(crate) struct Column<const N: usize>(Vec<[Lanes; N]>);
 
 impl<const N: usize> Column<N> {
-    fn new(rows: impl ExactSizeIterator<Item = [f32; N]>) -> Self {
-        let count = rows.len();
-        let mut blocks = vec![[[0.0; LANES]; N]; count.div_ceil(LANES)];
-        for (index, row) in rows.enumerate() {
-            let last = if index + 1 == count { LANES } else { index % LANES + 1 };
-            for (lanes, value) in blocks[index / LANES].iter_mut().zip(row) {
-                lanes[index % LANES..last].fill(value);
-            }
-        }
-        Self(blocks)
+    /// The column of what `row` makes of the values, which are freed.
+    fn new<T: Sync>(values: Vec<T>, row: impl Fn(&T) -> [f32; N] + Sync) -> Self {
+        let block = |values: &[T]| {
+            let rows: [_; LANES] = std::array::from_fn(|lane| row(&values[lane.min(values.len() - 1)]));
+            std::array::from_fn(|i| rows.map(|row| row[i]))
+        };
+        Self(values.par_chunks(LANES).with_min_len(BLOCKS_A_TASK).map(block).collect())
     }
 
     /// The numbers of splats 8 · block up to 8 · block + 7.
@@ -84,32 +85,31 @@ pub(crate) struct Columns {
 }
 
 impl Columns {
-    pub(crate) fn new(splats: &Splats) -> Self {
-        let single = |values: &[f32]| Column::new(values.iter().map(|v| [*v]));
-        let (kind, strengths, opacities) = match &splats.strength {
+    /// The columns of checked arrays; each array is freed when its column is made.
+    pub(crate) fn new(splats: Splats) -> Self {
+        let single = |values| Column::new(values, |v| [*v]);
+        let len = splats.centers.len();
+        let (kind, strengths, opacities) = match splats.strength {
             Strength::Extinction { masses } => (Kind::Extinction, masses, None),
             Strength::Opacity { peaks } => (Kind::Opacity, peaks, None),
-            Strength::Surface(surface) => {
-                let Surface { depth_tolerance, coverage_floor, closed, .. } = *surface;
+            Strength::Surface(Surface { areas, opacities, depth_tolerance, coverage_floor, closed }) => {
                 let shared = SurfaceKind { depth_tolerance, coverage_floor, closed };
-                (Kind::Surface(shared), &surface.areas, surface.opacities.as_deref().map(single))
+                (Kind::Surface(shared), areas, opacities.map(single))
             }
         };
         Self {
-            len: splats.centers.len(),
-            centers: Column::new(splats.centers.iter().map(|p| p.to_array())),
-            factors: match &splats.shapes {
-                Shapes::Shared(factor) => Factors::Shared(*factor),
-                Shapes::Each(factors) => {
-                    Factors::Each(Column::new(factors.iter().map(|f| f.to_cols_array())))
-                }
+            len,
+            centers: Column::new(splats.centers, Vec3::to_array),
+            factors: match splats.shapes {
+                Shapes::Shared(factor) => Factors::Shared(factor),
+                Shapes::Each(factors) => Factors::Each(Column::new(factors, Mat3::to_cols_array)),
             },
             kind,
             strengths: single(strengths),
             opacities,
-            colors: Column::new(splats.colors.iter().copied()),
-            harmonics: splats.harmonics.as_ref().map(PackedHarmonics::new),
-            normals: splats.normals.as_ref().map(|n| Column::new(n.iter().map(|n| n.to_array()))),
+            colors: Column::new(splats.colors, |color| *color),
+            harmonics: splats.harmonics.map(PackedHarmonics::new),
+            normals: splats.normals.map(|normals| Column::new(normals, Vec3::to_array)),
             material: splats.material,
         }
     }
@@ -186,24 +186,32 @@ pub(crate) struct PackedHarmonics {
 }
 
 impl PackedHarmonics {
-    fn new(harmonics: &Harmonics) -> Self {
-        let Harmonics { degree, coefficients } = harmonics;
+    fn new(harmonics: Harmonics) -> Self {
         let per_splat = harmonics.per_splat();
-        let largest = coefficients.iter().flatten().fold(0.0, |largest: f32, c| largest.max(c.abs()));
+        let Harmonics { degree, coefficients } = harmonics;
+        let largest = coefficients
+            .par_iter()
+            .with_min_len(BLOCKS_A_TASK * LANES)
+            .map(|color| color.iter().fold(0.0, |largest: f32, c| largest.max(c.abs())))
+            .reduce(|| 0.0, f32::max);
         let unit = if largest > 0.0 { largest / f32::from(i16::MAX) } else { 1.0 };
-        let mut packed = Self { degree: *degree, unit, pairs: Vec::new() };
-        let count = coefficients.len() / per_splat;
-        packed.pairs = vec![[0; LANES]; count.div_ceil(LANES) * packed.pairs_per_block()];
-        for (index, splat) in coefficients.chunks_exact(per_splat).enumerate() {
-            let start = index / LANES * packed.pairs_per_block();
-            for (number, color) in splat.iter().enumerate() {
-                for (channel, value) in color.iter().enumerate() {
-                    let rounded = (value / unit).round() as i16;
-                    let pair = start + channel * packed.pairs_per_channel() + number / 2;
-                    packed.pairs[pair][index % LANES] |= u32::from(rounded as u16) << (number % 2 * 16);
+        let mut packed = Self { degree, unit, pairs: Vec::new() };
+        let (pairs_per_channel, pairs_per_block) = (packed.pairs_per_channel(), packed.pairs_per_block());
+        let blocks = (coefficients.len() / per_splat).div_ceil(LANES);
+        packed.pairs = vec![[0; LANES]; blocks * pairs_per_block];
+        let pack = |(pairs, coefficients): (&mut [[u32; LANES]], &[[f32; 3]])| {
+            for (lane, splat) in coefficients.chunks_exact(per_splat).enumerate() {
+                for (number, color) in splat.iter().enumerate() {
+                    for (channel, value) in color.iter().enumerate() {
+                        let rounded = (value / unit).round() as i16;
+                        let pair = &mut pairs[channel * pairs_per_channel + number / 2][lane];
+                        *pair |= u32::from(rounded as u16) << (number % 2 * 16);
+                    }
                 }
             }
-        }
+        };
+        let coefficients = coefficients.par_chunks(LANES * per_splat);
+        packed.pairs.par_chunks_mut(pairs_per_block).zip(coefficients).for_each(pack);
         packed
     }
 
@@ -249,7 +257,7 @@ mod tests {
 
     #[test]
     fn what_goes_in_comes_out() {
-        for count in [0, 1, 8, 13] {
+        for count in [0, 1, 8, 13, 2 * BLOCKS_A_TASK * LANES + 3] {
             let number = |i: usize| i as f32;
             let splats = Splats {
                 centers: (0..count).map(|i| Vec3::new(number(i), 1.0, -number(i))).collect(),
@@ -263,7 +271,7 @@ mod tests {
                 normals: None,
                 material: Material::default(),
             };
-            let back = Columns::new(&splats).splats();
+            let back = Columns::new(splats.clone()).splats();
             let (before, after) = (splats.harmonics.as_ref().unwrap(), back.harmonics.as_ref().unwrap());
             let largest = number(count * 8);
             for (a, b) in before.coefficients.iter().flatten().zip(after.coefficients.iter().flatten()) {

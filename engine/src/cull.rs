@@ -1,10 +1,11 @@
 //! Stage `cull`: which ranges of a scene's splats can be seen.
 
 use crate::camera::{Camera, Projection};
-use crate::columns::{Columns, Kind};
+use crate::columns::{Columns, Factors, Kind};
 use crate::footprint::{CameraSplat, Lens};
 use crate::scene::{RenderSettings, Scene};
 use glam::{DVec3, DVec4, Vec3};
+use rayon::prelude::*;
 use std::ops::Range;
 
 /// Consecutive splats of one cloud that may be visible.
@@ -128,21 +129,20 @@ pub(crate) const CLUSTER_SIZE: usize = 1024;
 
 /// Cuts a cloud into clusters of consecutive splats.
 pub(crate) fn clusters(columns: &Columns) -> Vec<Cluster> {
-    let count = columns.len;
-    (0..count)
-        .step_by(CLUSTER_SIZE)
-        .map(|start| {
-            let range = start..count.min(start + CLUSTER_SIZE);
-            let centers = || range.clone().map(|i| columns.center(i));
-            let (mut low, mut high) = (columns.center(start), columns.center(start));
-            for p in centers() {
-                (low, high) = (low.min(p), high.max(p));
-            }
-            let center = low * 0.5 + high * 0.5;
-            let radius = centers().map(|p| p.distance(center)).fold(0.0, f32::max);
-            let largest_sigma =
-                range.clone().map(|i| frobenius(columns.factor(i).as_dmat3()) as f32).fold(0.0, f32::max);
-            Cluster { splats: range, center, radius, largest_sigma }
-        })
-        .collect()
+    let sigma = |index: usize| frobenius(columns.factor(index).as_dmat3()) as f32;
+    let cluster = |number: usize| {
+        let start = number * CLUSTER_SIZE;
+        let splats = start..columns.len.min(start + CLUSTER_SIZE);
+        let centers = || splats.clone().map(|i| columns.center(i));
+        let first = columns.center(start);
+        let (low, high) = centers().fold((first, first), |(low, high), p| (low.min(p), high.max(p)));
+        let center = low * 0.5 + high * 0.5;
+        let radius = centers().map(|p| p.distance_squared(center)).fold(0.0, f32::max).sqrt();
+        let largest_sigma = match &columns.factors {
+            Factors::Shared(_) => sigma(start),
+            Factors::Each(_) => splats.clone().map(sigma).fold(0.0, f32::max),
+        };
+        Cluster { splats, center, radius, largest_sigma }
+    };
+    (0..columns.len.div_ceil(CLUSTER_SIZE)).into_par_iter().map(cluster).collect()
 }

@@ -33,7 +33,7 @@ pub fn render(
 ) -> Result<Frame, SceneError> {
     let mut renderer = Renderer::new();
     renderer.render(scene, camera, settings, observer)?;
-    Ok(renderer.frame)
+    Ok(renderer.into_frame())
 }
 
 /// Draws frame after frame, and keeps its buffers from one to the next.
@@ -124,6 +124,11 @@ impl Renderer {
         let visible = (self.surfaces.records.len() + self.volumes.records.len()) as u64;
         observer.counts(Counts { splats: splats as u64, visible, fragments });
         Ok(&self.frame)
+    }
+
+    /// The last frame.
+    pub fn into_frame(self) -> Frame {
+        self.frame
     }
 
     fn cull(&mut self, scene: &Scene, camera: &Camera, settings: &RenderSettings) {
@@ -244,6 +249,7 @@ impl Drawn {
     }
 }
 
+#[inline(always)]
 fn watched<T>(observer: &dyn Observer, stage: Stage, run: impl FnOnce() -> T) -> T {
     observer.begin(stage);
     let value = run();
@@ -277,19 +283,33 @@ impl TileDrawer<'_> {
         band: &Mutex<FrameRows>,
     ) -> u64 {
         let TileBuffers { layers, cuts, runs } = buffers;
-        let mut count =
-            watched(self.observer, Stage::Layers, || self.layers.build(simd, (tile, surfaces), layers, cuts));
+        let mut count = watched(
+            self.observer,
+            Stage::Layers,
+            #[inline(always)]
+            || self.layers.build(simd, (tile, surfaces), layers, cuts),
+        );
         if !volumes.is_empty() {
-            count += watched(self.observer, Stage::Composite, || match self.channels {
-                Channels::Color => self.compositor.add::<S, false>(simd, (tile, volumes), cuts, runs),
-                Channels::All => self.compositor.add::<S, true>(simd, (tile, volumes), cuts, runs),
-            });
+            count += watched(
+                self.observer,
+                Stage::Composite,
+                #[inline(always)]
+                || match self.channels {
+                    Channels::Color => self.compositor.add::<S, false>(simd, (tile, volumes), cuts, runs),
+                    Channels::All => self.compositor.add::<S, true>(simd, (tile, volumes), cuts, runs),
+                },
+            );
         }
         let runs = (!volumes.is_empty()).then_some(&*runs);
-        watched(self.observer, Stage::Resolve, || {
-            let mut rows = band.lock().unwrap_or_else(PoisonError::into_inner);
-            self.resolver.tile(simd, tile, (cuts, runs), &mut rows);
-        });
+        watched(
+            self.observer,
+            Stage::Resolve,
+            #[inline(always)]
+            || {
+                let mut rows = band.lock().unwrap_or_else(PoisonError::into_inner);
+                self.resolver.tile(simd, tile, (cuts, runs), &mut rows);
+            },
+        );
         count
     }
 }

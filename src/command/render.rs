@@ -5,7 +5,7 @@ use crate::assemble::{Assembled, assemble};
 use crate::check::{Uses, Wrong};
 use crate::content::{Body, Item, load};
 use crate::description::{CameraOptions, Description, FileOptions, Look, PictureOptions, Source, Transfer};
-use crate::draw::{Drawing, draw_repeatedly};
+use crate::draw::Drawing;
 use crate::output::Output;
 use crate::picture::Format;
 use crate::progress::Console;
@@ -95,7 +95,7 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     let mut described = if built_in { built_in::description() } else { describe(args.files)? };
     described.picture = args.picture.over(described.picture);
     described.camera = args.camera.over(described.camera);
-    let mut drawing = Drawing::new(&described.picture)?;
+    let mut drawing = Drawing::new(&described.picture, format.channels())?;
     let ((items, uses), load_time) = timed(|| {
         if built_in {
             return Ok((built_in::items(console)?, Uses { mesh: true, volume: true, ..Uses::default() }));
@@ -118,12 +118,8 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
         timed(|| assemble(items, &described.camera, size, described.lights, console))?;
     console.say(format_args!("camera: {view}"));
 
-    let (frame, times) = if stats.is_some() || args.repeat.is_some() {
-        draw_repeatedly(&drawing, &scene, &camera, repeats, console)?
-    } else {
-        let (frame, time) = drawing.draw(&scene, &camera, console)?;
-        (frame, vec![time])
-    };
+    let measured = (stats.is_some() || args.repeat.is_some()).then_some(repeats);
+    let (frame, times) = drawing.draw(&scene, &camera, measured, console)?;
     output.finish(|file| format.write(&frame, file))?;
     let [width, height] = size;
     let took = begun.elapsed().as_secs_f64();

@@ -43,7 +43,51 @@ fn brick_bases(dims: [usize; 3]) -> Vec<[usize; 3]> {
 
 /// Puts two zero bits between the bits of a number below 2^42.
 fn spread(number: usize) -> u128 {
-    (0..42).fold(0, |code, bit| code | ((number as u128 >> bit) & 1) << (3 * bit))
+    let bits = usize::BITS - number.leading_zeros();
+    (0..bits).fold(0, |code, bit| code | ((number as u128 >> bit) & 1) << (3 * bit))
+}
+
+/// A brick's own samples, those that cells begin at, seen from afar.
+#[derive(Clone, Debug)]
+pub(crate) struct BrickRange {
+    /// Its first sample.
+    pub(crate) base: [usize; 3],
+    /// Its smallest and largest finite value.
+    pub(crate) range: [f32; 2],
+}
+
+/// The bricks of a volume that hold a finite value, in Morton order.
+pub(crate) fn brick_ranges(volume: &Volume) -> Vec<BrickRange> {
+    let dims = volume.dims();
+    let seen = |base: [usize; 3]| {
+        let range = match volume.voxels() {
+            Voxels::U8(v) => range_of(v, dims, base),
+            Voxels::U16(v) => range_of(v, dims, base),
+            Voxels::I16(v) => range_of(v, dims, base),
+            Voxels::F32(v) => range_of(v, dims, base),
+        };
+        (range[0] <= range[1]).then_some(BrickRange { base, range })
+    };
+    brick_bases(dims).into_par_iter().filter_map(seen).collect()
+}
+
+fn range_of<T: Copy + Into<f32>>(samples: &[T], dims: [usize; 3], base: [usize; 3]) -> [f32; 2] {
+    let end = [0, 1, 2].map(|axis| dims[axis].min(base[axis] + SIDE));
+    // A lane for each sample of a row: lanes do not wait for each other.
+    let (mut low, mut high) = ([f32::INFINITY; SIDE], [f32::NEG_INFINITY; SIDE]);
+    for k in base[2]..end[2] {
+        for j in base[1]..end[1] {
+            let row = (k * dims[1] + j) * dims[0];
+            let row = &samples[row + base[0]..row + end[0]];
+            for ((low, high), sample) in low.iter_mut().zip(&mut high).zip(row) {
+                let value: f32 = (*sample).into();
+                let finite = value.is_finite();
+                *low = if finite && value < *low { value } else { *low };
+                *high = if finite && value > *high { value } else { *high };
+            }
+        }
+    }
+    [low.into_iter().fold(f32::INFINITY, f32::min), high.into_iter().fold(f32::NEG_INFINITY, f32::max)]
 }
 
 /// Bricks that one task of [`walk_bricks`] takes.

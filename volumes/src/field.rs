@@ -97,19 +97,30 @@ impl Volume {
     /// Central differences inside, one-sided at borders and beside values that are not finite; exact for
     /// linear fields. An axis without a usable neighbour contributes 0.
     pub fn gradient(&self, index: [usize; 3]) -> Vec3 {
-        let here = self.value(index);
-        let mut differences = DVec3::ZERO;
-        for axis in 0..3 {
-            let neighbour = |offset: isize| match index[axis].checked_add_signed(offset) {
-                Some(moved) if moved < self.dims()[axis] => {
-                    let mut at = index;
-                    at[axis] = moved;
-                    self.value(at)
-                }
-                _ => f32::NAN,
-            };
-            differences[axis] = f64::from(difference(neighbour(-1), here, neighbour(1)));
-        }
+        let dims = self.dims();
+        let differences = match self.voxels() {
+            Voxels::U8(v) => differences(v, dims, index),
+            Voxels::U16(v) => differences(v, dims, index),
+            Voxels::I16(v) => differences(v, dims, index),
+            Voxels::F32(v) => differences(v, dims, index),
+        };
         (self.gradients_to_world() * differences).as_vec3()
     }
+}
+
+/// A number that a sample can be.
+pub(crate) trait Sample: Copy + Into<f32> + Sync {}
+impl<T: Copy + Into<f32> + Sync> Sample for T {}
+
+/// The gradient at a sample in index space: differences per sample step.
+#[inline]
+pub(crate) fn differences<T: Sample>(samples: &[T], dims: [usize; 3], index: [usize; 3]) -> DVec3 {
+    let place = (index[2] * dims[1] + index[1]) * dims[0] + index[0];
+    let here = samples[place].into();
+    let along = |axis: usize, stride: usize| {
+        let before = if index[axis] > 0 { samples[place - stride].into() } else { f32::NAN };
+        let after = if index[axis] + 1 < dims[axis] { samples[place + stride].into() } else { f32::NAN };
+        f64::from(difference(before, here, after))
+    };
+    DVec3::new(along(0, 1), along(1, dims[0]), along(2, dims[0] * dims[1]))
 }

@@ -1,11 +1,13 @@
 //! Grids to volume kernels and iso-surfels.
 //!
 //! A [`Volume`] becomes splats in two ways, and both can be drawn together: [`to_kernels`] turns each sample
-//! that a [`TransferFunction`] makes visible into an extinction kernel; [`iso_surfels`] samples the surface at
-//! a value. [`PRESETS`] and [`propose_iso`] look at the volume's [`Histogram`] when the user says nothing.
+//! that a [`TransferFunction`] makes visible into an extinction kernel, and a [`Classifier`] does so again each
+//! time the function changes; [`iso_surfels`] samples the surface at a value. [`PRESETS`] and [`propose_iso`]
+//! look at the volume's [`Histogram`] when the user says nothing.
 
 mod brick;
 mod cell;
+mod classify;
 mod field;
 pub mod histogram;
 pub mod iso;
@@ -18,7 +20,7 @@ pub mod volume;
 
 pub use histogram::{Classes, Histogram, propose_iso};
 pub use iso::{COVERAGE_FLOOR, IsoError, IsoSettings, SURFEL_BLUR, iso_surfels};
-pub use kernels::{KERNEL_SIGMA, KernelSettings, to_kernels};
+pub use kernels::{Classifier, KERNEL_SIGMA, KernelSettings, to_kernels};
 pub use phantom::{marschner_lobb, marschner_lobb_at, shepp_logan};
 pub use presets::{PRESETS, Preset, preset};
 pub use transfer::{

@@ -165,26 +165,57 @@ impl TransferFunction {
         if !value.is_finite() {
             return Optical::default();
         }
-        let above = self.points.partition_point(|point| point.value <= value);
-        let low = self.points[above.saturating_sub(1)];
-        let high = self.points[above.min(self.points.len() - 1)];
-        let span = f64::from(high.value) - f64::from(low.value);
-        let share = if span > 0.0 { (f64::from(value) - f64::from(low.value)) / span } else { 0.0 };
-        let mix = |a: f32, b: f32| f64::from(a) + share * (f64::from(b) - f64::from(a));
-        let strength = mix(low.strength, high.strength);
+        Optical { extinction: self.extinction(value), color: self.color(value) }
+    }
+
+    /// The extinction alone of [`Self::at`].
+    pub(crate) fn extinction(&self, value: f32) -> f32 {
+        if !value.is_finite() {
+            return 0.0;
+        }
+        let (low, high, share) = self.segment(value);
+        let strength = mix(low.strength, high.strength, share);
         let extinction = match self.strength {
             StrengthKind::Extinction => strength,
             StrengthKind::OpacityPerUnit => -(-strength.min(MAX_OPACITY)).ln_1p(),
         };
-        let color = [0, 1, 2].map(|c| {
-            let mixed = mix(low.color[c], high.color[c]) as f32;
+        extinction as f32
+    }
+
+    /// The colour alone of [`Self::at`], for a finite value.
+    pub(crate) fn color(&self, value: f32) -> [f32; 3] {
+        let (low, high, share) = self.segment(value);
+        [0, 1, 2].map(|channel| {
+            let mixed = mix(low.color[channel], high.color[channel], share) as f32;
             match self.color_space {
                 ColorSpace::Srgb => srgb_to_linear(mixed),
                 ColorSpace::Linear => mixed,
             }
-        });
-        Optical { extinction: extinction as f32, color }
+        })
     }
+
+    /// Whether a value from `low` to `high` may have extinction: between control points it is not above both
+    /// ends.
+    pub(crate) fn shows_within(&self, [low, high]: [f32; 2]) -> bool {
+        let within = |point: &ControlPoint| low <= point.value && point.value <= high;
+        self.points.iter().any(|point| within(point) && point.strength > 0.0)
+            || self.extinction(low) > 0.0
+            || self.extinction(high) > 0.0
+    }
+
+    /// The control points at both sides of `value`, and its share of the way from the lower to the upper.
+    fn segment(&self, value: f32) -> (&ControlPoint, &ControlPoint, f64) {
+        let above = self.points.partition_point(|point| point.value <= value);
+        let low = &self.points[above.saturating_sub(1)];
+        let high = &self.points[above.min(self.points.len() - 1)];
+        let span = f64::from(high.value) - f64::from(low.value);
+        let share = if span > 0.0 { (f64::from(value) - f64::from(low.value)) / span } else { 0.0 };
+        (low, high, share)
+    }
+}
+
+fn mix(a: f32, b: f32, share: f64) -> f64 {
+    f64::from(a) + share * (f64::from(b) - f64::from(a))
 }
 
 /// Checks control point `index` and its order after those before it.

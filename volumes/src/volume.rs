@@ -152,8 +152,14 @@ impl Volume {
     }
 
     /// Sample (i, j, k); each index below its dimension.
-    pub fn value(&self, [i, j, k]: [usize; 3]) -> f32 {
-        self.voxels.get((k * self.dims[1] + j) * self.dims[0] + i)
+    pub fn value(&self, index: [usize; 3]) -> f32 {
+        self.voxels.get(self.place(index))
+    }
+
+    /// Where sample (i, j, k) lies among the samples.
+    #[inline]
+    pub(crate) fn place(&self, [i, j, k]: [usize; 3]) -> usize {
+        (k * self.dims[1] + j) * self.dims[0] + i
     }
 
     /// From sample indices to the world.

@@ -1,0 +1,167 @@
+//! Classification: which samples a transfer function shows, and what they look like.
+
+use glam::{DMat3, DVec3, Vec3};
+use rayon::prelude::*;
+
+use oblate_engine::{Material, Shapes, Splats, Strength};
+
+use crate::brick::{BrickRange, MORTON, SIDE};
+use crate::field::{Sample, differences};
+use crate::kernels::KERNEL_SIGMA;
+use crate::transfer::{GradientRamp, Optical, TransferFunction};
+use crate::volume::{Volume, Voxels};
+
+/// The kernels of a volume under a transfer function; `bricks` are all that hold a finite value.
+pub(crate) fn splats(
+    volume: &Volume,
+    bricks: &[BrickRange],
+    transfer: &TransferFunction,
+    material: Material,
+) -> Splats {
+    let lookup = Lookup::new(volume, bricks, transfer);
+    match volume.voxels() {
+        Voxels::U8(v) => Classification::new(volume, v, bricks, &lookup).splats(material),
+        Voxels::U16(v) => Classification::new(volume, v, bricks, &lookup).splats(material),
+        Voxels::I16(v) => Classification::new(volume, v, bricks, &lookup).splats(material),
+        Voxels::F32(v) => Classification::new(volume, v, bricks, &lookup).splats(material),
+    }
+}
+
+/// A transfer function, and a table of it where values are integers.
+struct Lookup<'a> {
+    transfer: &'a TransferFunction,
+    /// The function at the integers from `first` to the largest value; empty for floating point.
+    table: Vec<Optical>,
+    first: f32,
+}
+
+impl<'a> Lookup<'a> {
+    fn new(volume: &Volume, bricks: &[BrickRange], transfer: &'a TransferFunction) -> Self {
+        let first = bricks.iter().fold(f32::INFINITY, |low, brick| low.min(brick.range[0]));
+        let last = bricks.iter().fold(f32::NEG_INFINITY, |high, brick| high.max(brick.range[1]));
+        let integers = !matches!(volume.voxels(), Voxels::F32(_)) && first <= last;
+        let count = if integers { (last - first) as u32 + 1 } else { 0 };
+        let table = (0..count).into_par_iter().map(|offset| transfer.at(first + offset as f32)).collect();
+        Self { transfer, table, first }
+    }
+
+    #[inline]
+    fn entry(&self, value: f32) -> &Optical {
+        &self.table[(value - self.first) as u32 as usize]
+    }
+
+    #[inline]
+    fn extinction(&self, value: f32) -> f32 {
+        if self.table.is_empty() { self.transfer.extinction(value) } else { self.entry(value).extinction }
+    }
+
+    #[inline]
+    fn color(&self, value: f32) -> [f32; 3] {
+        if self.table.is_empty() { self.transfer.color(value) } else { self.entry(value).color }
+    }
+}
+
+/// Samples under a transfer function. Their numbers follow Morton order: number n is sample n % 512 of brick
+/// n / 512.
+struct Classification<'a, T> {
+    volume: &'a Volume,
+    samples: &'a [T],
+    bricks: &'a [BrickRange],
+    lookup: &'a Lookup<'a>,
+    /// From a brick's first sample to each of its samples.
+    offsets: [usize; MORTON.len()],
+    gradients_to_world: DMat3,
+    voxel_volume: f64,
+}
+
+impl<'a, T: Sample> Classification<'a, T> {
+    fn new(volume: &'a Volume, samples: &'a [T], bricks: &'a [BrickRange], lookup: &'a Lookup<'a>) -> Self {
+        let offsets = MORTON.map(|local| volume.place(local.map(usize::from)));
+        let (gradients_to_world, voxel_volume) = (volume.gradients_to_world(), volume.voxel_volume());
+        Self { volume, samples, bricks, lookup, offsets, gradients_to_world, voxel_volume }
+    }
+
+    /// One array after the other: samples are read again for each, but nothing is held that the cloud does not
+    /// need.
+    fn splats(&self, material: Material) -> Splats {
+        let shown: Vec<usize> =
+            (0..self.bricks.len()).into_par_iter().flat_map_iter(|brick| self.shown(brick)).collect();
+        let steps = self.volume.steps();
+        let center = |index: [usize; 3]| (steps * DVec3::from(index.map(|i| i as f64))).as_vec3();
+        let indices = || shown.par_iter().map(|number| self.index(*number));
+        Splats {
+            centers: indices().map(center).collect(),
+            shapes: Shapes::Shared((steps * KERNEL_SIGMA).as_mat3()),
+            strength: Strength::Extinction { masses: indices().map(|index| self.mass(index)).collect() },
+            colors: indices().map(|index| self.lookup.color(self.value(index))).collect(),
+            harmonics: None,
+            normals: Some(indices().map(|index| self.normal(index)).collect()),
+            material,
+        }
+    }
+
+    /// The numbers of a brick's samples that show.
+    fn shown(&self, brick: usize) -> impl Iterator<Item = usize> {
+        let BrickRange { base, range } = self.bricks[brick];
+        let (dims, first) = (self.volume.dims(), self.volume.place(base));
+        let whole = (0..3).all(|axis| base[axis] + SIDE <= dims[axis]);
+        let in_grid = move |number: usize| {
+            whole || {
+                let index = self.index(number);
+                (0..3).all(|axis| index[axis] < dims[axis])
+            }
+        };
+        let extinction = move |number: usize| {
+            let place = first + self.offsets[number % MORTON.len()];
+            self.lookup.extinction(self.samples[place].into())
+        };
+        let count = if self.lookup.transfer.shows_within(range) { MORTON.len() } else { 0 };
+        (brick * MORTON.len()..).take(count).filter(move |&number| {
+            in_grid(number) && extinction(number) > 0.0 && self.ramp_factor(|| self.index(number)) > 0.0
+        })
+    }
+
+    /// The sample's indices in the grid.
+    #[inline]
+    fn index(&self, number: usize) -> [usize; 3] {
+        let (base, local) = (self.bricks[number / MORTON.len()].base, MORTON[number % MORTON.len()]);
+        [0, 1, 2].map(|axis| base[axis] + usize::from(local[axis]))
+    }
+
+    #[inline]
+    fn value(&self, index: [usize; 3]) -> f32 {
+        self.samples[self.volume.place(index)].into()
+    }
+
+    #[inline]
+    fn mass(&self, index: [usize; 3]) -> f32 {
+        let extinction = f64::from(self.lookup.extinction(self.value(index)));
+        (extinction * f64::from(self.ramp_factor(|| index)) * self.voxel_volume) as f32
+    }
+
+    #[inline]
+    fn ramp_factor(&self, index: impl Fn() -> [usize; 3]) -> f32 {
+        self.lookup.transfer.gradient().map_or(1.0, |ramp| self.factor_under(ramp, index()))
+    }
+
+    // Apart, so that functions without a ramp, which most are, stay short.
+    #[inline(never)]
+    fn factor_under(&self, ramp: GradientRamp, index: [usize; 3]) -> f32 {
+        ramp.factor(self.gradient(index).length() as f32)
+    }
+
+    #[inline]
+    fn gradient(&self, index: [usize; 3]) -> DVec3 {
+        self.gradients_to_world * differences(self.samples, self.volume.dims(), index)
+    }
+
+    /// Downhill; zero where the gradient is.
+    #[inline]
+    fn normal(&self, index: [usize; 3]) -> Vec3 {
+        let gradient = self.gradient(index);
+        let squared = gradient.length_squared();
+        // Known before the root is, unlike what `normalize_or_zero` looks at.
+        let scale = if squared > 0.0 { -squared.sqrt().recip() } else { 0.0 };
+        (gradient * scale).as_vec3()
+    }
+}
