@@ -170,8 +170,14 @@ impl Alpha {
         let scaled = |c: f32, power: i32| c * peak.powi(power + 1);
         match record.tag.kind {
             Kind::Opacity => Self::Peak(peak),
-            _ if peak <= 0.25 => Self::Thin([0, 1, 2].map(|i| scaled(THIN[i], i as i32))),
-            _ if peak <= 1.0 => Self::Medium([0, 1, 2, 3, 4].map(|i| scaled(MEDIUM[i], i as i32))),
+            _ if peak <= 0.25 => Self::Thin([0, 1, 2].each(
+                #[inline(always)]
+                |i| scaled(THIN[i], i as i32),
+            )),
+            _ if peak <= 1.0 => Self::Medium([0, 1, 2, 3, 4].each(
+                #[inline(always)]
+                |i| scaled(MEDIUM[i], i as i32),
+            )),
             _ => Self::Thick(peak),
         }
     }
@@ -191,36 +197,54 @@ impl Compositor<'_> {
         runs.clear(tile, cuts.segments());
         let mut open = OpenRows::all(tile);
         let mut lanes = 0;
-        for (number, entry) in list.iter().enumerate() {
-            if number % RECORDS_A_CHECK == 0 && !open.update(simd, tile, &runs.segments[0], self.spent) {
+        let mut batch = [(Record::BLANK, Rect::default()); RECORDS_A_CHECK];
+        for list in list.chunks(RECORDS_A_CHECK) {
+            if !open.update(simd, tile, &runs.segments[0], self.spent) {
                 break;
             }
-            let index = entry.load(Ordering::Relaxed) as usize;
-            let record = &self.records[index];
-            let nearest = self.nearest(record, tile);
-            if cuts.hide(nearest) {
-                continue;
+            // Fetched together, since a record is not in the cache and many can be on their way at once.
+            for (entry, copy) in list.iter().zip(&mut batch) {
+                let index = entry.load(Ordering::Relaxed) as usize;
+                *copy = (self.records[index], self.rects[index]);
             }
-            // Neither cuts nor the near plane can go through it.
-            let is_whole = cuts.is_empty() && nearest > self.near;
-            let alpha = Alpha::new(record);
-            for (strip, rows) in
-                StripRows::new(simd, record, &self.rects[index], tile, self.cutoff).into_iter()
-            {
-                let rows = rows.start.max(open.0[strip].start)..rows.end.min(open.0[strip].end);
-                if rows.is_empty() {
-                    continue;
-                }
-                lanes += 8 * rows.len();
-                let strip = Strip { record, tile, strip, rows };
-                if is_whole {
-                    self.plain::<S, DEPTH>(simd, &strip, alpha, &mut runs.segments[0]);
-                } else {
-                    self.between_cuts::<S, DEPTH>(simd, strip, (alpha, cuts), runs);
-                }
+            for (record, rect) in &batch[..list.len()] {
+                lanes += self.add_record::<S, DEPTH>(simd, (tile, record, rect), (cuts, &open), runs);
             }
         }
         lanes as u64
+    }
+
+    /// Adds a record to the runs of a tile; gives the number of pixels that were evaluated.
+    #[inline(always)]
+    fn add_record<S: Simd, const DEPTH: bool>(
+        &self,
+        simd: S,
+        (tile, record, rect): (Tile, &Record, &Rect),
+        (cuts, open): (&Cuts, &OpenRows),
+        runs: &mut Runs,
+    ) -> usize {
+        let mut lanes = 0;
+        let nearest = self.nearest(record, tile);
+        if cuts.hide(nearest) {
+            return 0;
+        }
+        // Neither cuts nor the near plane can go through it.
+        let is_whole = cuts.is_empty() && nearest > self.near;
+        let alpha = Alpha::new(record);
+        for (strip, rows) in StripRows::new(simd, record, rect, tile, self.cutoff).into_iter() {
+            let rows = rows.start.max(open.0[strip].start)..rows.end.min(open.0[strip].end);
+            if rows.is_empty() {
+                continue;
+            }
+            lanes += 8 * rows.len();
+            let strip = Strip { record, tile, strip, rows };
+            if is_whole {
+                self.plain::<S, DEPTH>(simd, &strip, alpha, &mut runs.segments[0]);
+            } else {
+                self.between_cuts::<S, DEPTH>(simd, strip, (alpha, cuts), runs);
+            }
+        }
+        lanes
     }
 
     /// The record lies behind this depth in the whole tile, to [`REACH`] σ_z.
@@ -230,11 +254,14 @@ impl Compositor<'_> {
             // Its depth is no linear function; there are few such records.
             return f32::NEG_INFINITY;
         }
-        let rises = [0, 1].map(|axis| {
-            let first = tile.origin[axis] as f32 - record.mean[axis];
-            let slope = record.depth_slope[axis];
-            (slope * first).min(slope * (first + tile.side as f32))
-        });
+        let rises = [0, 1].each(
+            #[inline(always)]
+            |axis| {
+                let first = tile.origin[axis] as f32 - record.mean[axis];
+                let slope = record.depth_slope[axis];
+                (slope * first).min(slope * (first + tile.side as f32))
+            },
+        );
         record.depth + rises[0] + rises[1] - REACH * record.sigma_z
     }
 
@@ -302,7 +329,10 @@ impl Compositor<'_> {
                 );
             }
             Alpha::Thin([a, b, c]) => {
-                let [a, b, c] = [a, b, c].map(|x| splat(simd, x));
+                let [a, b, c] = [a, b, c].each(
+                    #[inline(always)]
+                    |x| splat(simd, x),
+                );
                 self.recurrence::<S, DEPTH>(
                     simd,
                     strip,
@@ -312,7 +342,10 @@ impl Compositor<'_> {
                 );
             }
             Alpha::Medium(coefficients) => {
-                let [a, b, c, d, e] = coefficients.map(|x| splat(simd, x));
+                let [a, b, c, d, e] = coefficients.each(
+                    #[inline(always)]
+                    |x| splat(simd, x),
+                );
                 self.recurrence::<S, DEPTH>(
                     simd,
                     strip,

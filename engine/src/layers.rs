@@ -427,15 +427,24 @@ impl LayerBuilder<'_> {
                 continue;
             }
             let [front, back] = &sum.sides;
-            let [front_weight, back_weight] = [front, back].map(|side| V::simd_from(simd, side.weight));
+            let [front_weight, back_weight] = [front, back].each(
+                #[inline(always)]
+                |side| V::simd_from(simd, side.weight),
+            );
             let weight = front_weight + back_weight;
             let mean = |lanes: Lanes| V::simd_from(simd, lanes) / weight;
             // On the side that is seen.
             let shows_front = front_weight.simd_ge(back_weight);
-            let normal = [0, 1, 2].map(|axis| {
-                let [front, back] = [front, back].map(|side| V::simd_from(simd, side.normal[axis]));
-                shows_front.select(front, -back)
-            });
+            let normal = [0, 1, 2].each(
+                #[inline(always)]
+                |axis| {
+                    let [front, back] = [front, back].each(
+                        #[inline(always)]
+                        |side| V::simd_from(simd, side.normal[axis]),
+                    );
+                    shows_front.select(front, -back)
+                },
+            );
             let mut opacity = mean(sum.opacity).min(one);
             if last {
                 // The last layer may be several sheets, one behind the other.
@@ -458,8 +467,14 @@ impl LayerBuilder<'_> {
             *cut = Cut {
                 depth: found.select(depth, infinity).into(),
                 alpha: keep(simd, found, alpha).into(),
-                color: sum.color.map(|lanes| keep(simd, found, mean(lanes)).into()),
-                normal: normalize_or_zero(simd, normal).map(|lanes| keep(simd, found, lanes).into()),
+                color: sum.color.each(
+                    #[inline(always)]
+                    |lanes| keep(simd, found, mean(lanes)).into(),
+                ),
+                normal: normalize_or_zero(simd, normal).each(
+                    #[inline(always)]
+                    |lanes| keep(simd, found, lanes).into(),
+                ),
                 record: first.record,
             };
             let goes_on = found & seen.simd_gt(splat(simd, self.spent));

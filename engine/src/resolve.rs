@@ -38,7 +38,10 @@ impl<S: Simd> Seen<S> {
     fn over(self, simd: S, behind: Self) -> Self {
         let through = splat(simd, 1.0) - self.opacity;
         Self {
-            color: [0, 1, 2].map(|i| behind.color[i].mul_add(through, self.color[i])),
+            color: [0, 1, 2].each(
+                #[inline(always)]
+                |i| behind.color[i].mul_add(through, self.color[i]),
+            ),
             depth: behind.depth.mul_add(through, self.depth),
             opacity: behind.opacity.mul_add(through, self.opacity),
         }
@@ -46,7 +49,14 @@ impl<S: Simd> Seen<S> {
 
     #[inline(always)]
     fn layer(color: V3<S>, depth: V<S>, alpha: V<S>) -> Self {
-        Self { color: color.map(|c| c * alpha), depth: depth * alpha, opacity: alpha }
+        Self {
+            color: color.each(
+                #[inline(always)]
+                |c| c * alpha,
+            ),
+            depth: depth * alpha,
+            opacity: alpha,
+        }
     }
 }
 
@@ -87,7 +97,7 @@ impl Resolver<'_> {
         let run = |segment: usize| {
             let cell = runs.map_or(&crate::tile::Cell::CLEAR, |runs| runs.cell(segment, cell));
             let read = |lanes: Lanes| V::simd_from(simd, lanes);
-            Seen { color: cell.color.map(read), depth: read(cell.depth), opacity: read(cell.opacity) }
+            Seen { color: cell.color.each(read), depth: read(cell.depth), opacity: read(cell.opacity) }
         };
         let mut seen = run(0);
         for (layer, cut) in cuts.cell(cell).enumerate() {
@@ -108,28 +118,40 @@ impl Resolver<'_> {
     /// Light on a layer, by the materials of its clouds.
     #[inline(always)]
     fn shade<S: Simd>(&self, simd: S, (tile, cell): (Tile, usize), cut: &Cut, depth: V<S>) -> V3<S> {
-        let base = cut.color.map(|lanes| V::simd_from(simd, lanes));
+        let base = cut.color.each(
+            #[inline(always)]
+            |lanes| V::simd_from(simd, lanes),
+        );
         if !self.settings.shade {
             return base;
         }
         let first = tile.first_center(cell);
         let position = self.lens.positions(simd, lane_numbers(simd) + first.x as f32, first.y as f32, depth);
-        let normal = cut.normal.map(|lanes| V::simd_from(simd, lanes));
+        let normal = cut.normal.each(
+            #[inline(always)]
+            |lanes| V::simd_from(simd, lanes),
+        );
         let cloud_of = |record: u32| match record {
             Cut::NO_RECORD => None,
             index => Some(self.records[index as usize].tag.cloud),
         };
-        let clouds = cut.record.map(cloud_of);
+        let clouds = cut.record.each(cloud_of);
         let mut color = splat3(simd, [0.0; 3]);
         for (lane, cloud) in clouds.iter().enumerate() {
             let Some(cloud) = *cloud else { continue };
             if clouds[..lane].contains(&Some(cloud)) {
                 continue;
             }
-            let own = clouds.map(|other| if other == Some(cloud) { -1 } else { 0 });
+            let own = clouds.each(
+                #[inline(always)]
+                |other| if other == Some(cloud) { -1 } else { 0 },
+            );
             let own = i32x8::simd_from(simd, own).simd_lt(i32x8::simd_from(simd, 0));
             let shaded = self.shaders[cloud as usize].shade_wide(simd, base, normal, position);
-            color = [0, 1, 2].map(|i| own.select(shaded[i], color[i]));
+            color = [0, 1, 2].each(
+                #[inline(always)]
+                |i| own.select(shaded[i], color[i]),
+            );
         }
         color
     }
@@ -154,10 +176,15 @@ impl Resolver<'_> {
             let zero = splat(simd, 0.0);
             let some = all.opacity.simd_gt(zero);
             let inverse = keep(simd, some, splat(simd, 1.0) / all.opacity);
-            color = color.map(|c| some.select(srgb_to_linear(simd, c * inverse) * all.opacity, c));
+            color = color.each(
+                #[inline(always)]
+                |c| some.select(srgb_to_linear(simd, c * inverse) * all.opacity, c),
+            );
         }
-        let [red, green, blue, alpha]: [Lanes; 4] =
-            [color[0], color[1], color[2], all.opacity].map(|v| v.into());
+        let [red, green, blue, alpha]: [Lanes; 4] = [color[0], color[1], color[2], all.opacity].each(
+            #[inline(always)]
+            |v| v.into(),
+        );
         for (lane, pixel) in pixels.iter_mut().enumerate() {
             *pixel = [red[lane], green[lane], blue[lane], alpha[lane]];
         }

@@ -93,7 +93,15 @@ impl Shader {
     ) -> V3<S> {
         let cosine = dot(normal, self.to_eye_wide(simd, position));
         let turned = cosine.simd_lt(splat(simd, 0.0));
-        self.shade_wide(simd, base, normal.map(|n| turned.select(-n, n)), position)
+        self.shade_wide(
+            simd,
+            base,
+            normal.each(
+                #[inline(always)]
+                |n| turned.select(-n, n),
+            ),
+            position,
+        )
     }
 
     #[inline(always)]
@@ -101,7 +109,13 @@ impl Shader {
         if self.parallel_rays {
             splat3(simd, [0.0, 0.0, -1.0])
         } else {
-            normalize_or_zero(simd, position.map(|x| -x))
+            normalize_or_zero(
+                simd,
+                position.each(
+                    #[inline(always)]
+                    |x| -x,
+                ),
+            )
         }
     }
 
@@ -118,13 +132,22 @@ impl Shader {
                     Source::Towards(direction, color) => (splat3(simd, direction.to_array()), color),
                     Source::At(place, color) => {
                         let place = splat3(simd, place.to_array());
-                        let towards = [0, 1, 2].map(|i| place[i] - position[i]);
+                        let towards = [0, 1, 2].each(
+                            #[inline(always)]
+                            |i| place[i] - position[i],
+                        );
                         (normalize_or_zero(simd, towards), color)
                     }
                 };
                 let zero = splat(simd, 0.0);
                 let cosine = dot(normal, towards).max(zero);
-                let half = normalize_or_zero(simd, [0, 1, 2].map(|i| towards[i] + to_eye[i]));
+                let half = normalize_or_zero(
+                    simd,
+                    [0, 1, 2].each(
+                        #[inline(always)]
+                        |i| towards[i] + to_eye[i],
+                    ),
+                );
                 let mirrored = pow(simd, dot(normal, half).max(zero), exponent);
                 let mirrored = keep(simd, cosine.simd_gt(zero), mirrored * specular);
                 for (channel, color) in color.to_array().into_iter().enumerate() {
@@ -133,7 +156,10 @@ impl Shader {
                 }
             }
         }
-        [0, 1, 2].map(|i| base[i].mul_add(light[i], highlight[i]))
+        [0, 1, 2].each(
+            #[inline(always)]
+            |i| base[i].mul_add(light[i], highlight[i]),
+        )
     }
 }
 

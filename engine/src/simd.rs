@@ -97,6 +97,34 @@ macro_rules! dispatch {
 }
 pub(crate) use dispatch;
 
+/// As `array::map`, but inlined wherever it is used: SIMD that is called through a function is slow.
+pub(crate) trait Each<T, const N: usize> {
+    /// `f` of each element.
+    fn each<U>(self, f: impl FnMut(T) -> U) -> [U; N];
+}
+
+macro_rules! impl_each {
+    ($($n:literal: $($x:ident)*;)*) => {$(
+        impl<T> Each<T, $n> for [T; $n] {
+            #[inline(always)]
+            fn each<U>(self, mut f: impl FnMut(T) -> U) -> [U; $n] {
+                let [$($x),*] = self;
+                [$(f($x)),*]
+            }
+        }
+    )*};
+}
+
+impl_each! {
+    2: a b;
+    3: a b c;
+    4: a b c d;
+    5: a b c d e;
+    8: a b c d e f0 g h;
+    9: a b c d e f0 g h i;
+    15: a b c d e f0 g h i j k l m n o;
+}
+
 /// Eight numbers.
 pub(crate) type V<S> = f32x8<S>;
 /// Eight answers.
@@ -238,7 +266,10 @@ pub(crate) fn cross<S: Simd>(a: V3<S>, b: V3<S>) -> V3<S> {
 
 #[inline(always)]
 pub(crate) fn splat3<S: Simd>(simd: S, v: [f32; 3]) -> V3<S> {
-    v.map(|x| splat(simd, x))
+    v.each(
+        #[inline(always)]
+        |x| splat(simd, x),
+    )
 }
 
 /// The unit vector along v; zero where v is next to nothing.
@@ -246,7 +277,10 @@ pub(crate) fn splat3<S: Simd>(simd: S, v: [f32; 3]) -> V3<S> {
 pub(crate) fn normalize_or_zero<S: Simd>(simd: S, v: V3<S>) -> V3<S> {
     let squared = dot(v, v);
     let scale = keep(simd, squared.simd_gt(splat(simd, 1e-36)), splat(simd, 1.0) / squared.sqrt());
-    v.map(|x| x * scale)
+    v.each(
+        #[inline(always)]
+        |x| x * scale,
+    )
 }
 
 #[cfg(test)]

@@ -133,9 +133,13 @@ impl<'a> WideProjector<'a> {
         let origin = self.scalar.cloud_to_camera.transform_point3(range.center.as_dvec3()).as_vec3();
         let eye = self.scalar.camera_to_cloud.translation - range.center.as_dvec3();
         let shared = match &self.scalar.cloud.columns().factors {
-            Factors::Shared(factor) => {
-                Some(self.transform_columns(simd, factor.to_cols_array().map(|x| splat(simd, x))))
-            }
+            Factors::Shared(factor) => Some(self.transform_columns(
+                simd,
+                factor.to_cols_array().each(
+                    #[inline(always)]
+                    |x| splat(simd, x),
+                ),
+            )),
             Factors::Each(_) => None,
         };
         for first in range.splats.clone().step_by(LANES) {
@@ -146,10 +150,16 @@ impl<'a> WideProjector<'a> {
                 continue;
             }
             let center = self.scalar.cloud.columns().centers.block(first / LANES);
-            let from_middle = [0, 1, 2].map(|i| V::simd_from(simd, center[i]) - range.center.to_array()[i]);
+            let from_middle = [0, 1, 2].each(
+                #[inline(always)]
+                |i| V::simd_from(simd, center[i]) - range.center.to_array()[i],
+            );
             let placed = self.place(simd, first / LANES, (origin, from_middle), shared);
             let footprints = self.footprints(simd, &placed);
-            let towards = [0, 1, 2].map(|i| from_middle[i] - eye.to_array()[i] as f32);
+            let towards = [0, 1, 2].each(
+                #[inline(always)]
+                |i| from_middle[i] - eye.to_array()[i] as f32,
+            );
             let amplitudes = self.amplitudes(simd, first / LANES, (&placed, &footprints), towards);
             self.push(simd, (range, first, valid), (&placed, &footprints, &amplitudes), out);
         }
@@ -168,12 +178,18 @@ impl<'a> WideProjector<'a> {
     /// A vector by the rows of a matrix.
     #[inline(always)]
     fn transform<S: Simd>(simd: S, rows: &[[f32; 3]; 3], v: V3<S>) -> V3<S> {
-        rows.map(|row| dot(splat3(simd, row), v))
+        rows.each(
+            #[inline(always)]
+            |row| dot(splat3(simd, row), v),
+        )
     }
 
     #[inline(always)]
     fn transform_columns<S: Simd>(&self, simd: S, factor: [V<S>; 9]) -> [V3<S>; 3] {
-        [0, 3, 6].map(|k| Self::transform(simd, &self.to_camera, [factor[k], factor[k + 1], factor[k + 2]]))
+        [0, 3, 6].each(
+            #[inline(always)]
+            |k| Self::transform(simd, &self.to_camera, [factor[k], factor[k + 1], factor[k + 2]]),
+        )
     }
 
     #[inline(always)]
@@ -185,11 +201,18 @@ impl<'a> WideProjector<'a> {
         shared: Option<[V3<S>; 3]>,
     ) -> Placed<S> {
         let turned = Self::transform(simd, &self.to_camera, from_middle);
-        let center = [0, 1, 2].map(|i| turned[i] + origin.to_array()[i]);
+        let center = [0, 1, 2].each(
+            #[inline(always)]
+            |i| turned[i] + origin.to_array()[i],
+        );
         let columns = match (&self.scalar.cloud.columns().factors, shared) {
-            (Factors::Each(factors), None) => {
-                self.transform_columns(simd, factors.block(block).map(|lanes| V::simd_from(simd, lanes)))
-            }
+            (Factors::Each(factors), None) => self.transform_columns(
+                simd,
+                factors.block(block).each(
+                    #[inline(always)]
+                    |lanes| V::simd_from(simd, lanes),
+                ),
+            ),
             (_, shared) => shared.unwrap_or([splat3(simd, [0.0; 3]); 3]),
         };
         let one = splat(simd, 1.0);
@@ -205,12 +228,27 @@ impl<'a> WideProjector<'a> {
     #[inline(always)]
     fn footprints<S: Simd>(&self, simd: S, placed: &Placed<S>) -> Footprints<S> {
         let Placed { center, inverse_z, ray, columns } = placed;
-        let [h2, h4] = [self.low_pass, self.low_pass * self.low_pass].map(|h| splat(simd, h));
-        let [scale_x, scale_y] = self.focal.map(|focal| *inverse_z * focal);
+        let [h2, h4] = [self.low_pass, self.low_pass * self.low_pass].each(
+            #[inline(always)]
+            |h| splat(simd, h),
+        );
+        let [scale_x, scale_y] = self.focal.each(
+            #[inline(always)]
+            |focal| *inverse_z * focal,
+        );
         // In pixels; for parallel rays the ray has no slope.
-        let x = columns.map(|g| (g[0] - ray[0] * g[2]) * scale_x);
-        let y = columns.map(|g| (g[1] - ray[1] * g[2]) * scale_y);
-        let z = columns.map(|g| g[2]);
+        let x = columns.each(
+            #[inline(always)]
+            |g| (g[0] - ray[0] * g[2]) * scale_x,
+        );
+        let y = columns.each(
+            #[inline(always)]
+            |g| (g[1] - ray[1] * g[2]) * scale_y,
+        );
+        let z = columns.each(
+            #[inline(always)]
+            |g| g[2],
+        );
         let pair = |a: &V3<S>, b: &V3<S>| {
             [
                 a[0].mul_sub(b[1], a[1] * b[0]),
@@ -232,8 +270,10 @@ impl<'a> WideProjector<'a> {
         let inverse_y = splat(simd, 1.0) / root_y;
         let [slope_x, slope_y] = [along[0].mul_sub(h2, dot(n, my)), along[1].mul_add(h2, dot(n, mx))];
         let across = if self.perspective { [ray[0], ray[1]] } else { [center[0], center[1]] };
-        let mean =
-            [0, 1].map(|i| across[i].mul_add(splat(simd, self.focal[i]), splat(simd, self.principal[i])));
+        let mean = [0, 1].each(
+            #[inline(always)]
+            |i| across[i].mul_add(splat(simd, self.focal[i]), splat(simd, self.principal[i])),
+        );
         let mut is_simple = area.simd_gt(splat(simd, 1e-12)) & area.simd_lt(splat(simd, 1e24));
         if self.perspective {
             let beyond = (center[2] * center[2]).simd_gt(zz * self.cutoff);
@@ -249,7 +289,10 @@ impl<'a> WideProjector<'a> {
             attenuation: nn.sqrt() * inverse_root,
             variance,
             along,
-            minor: [0, 1].map(|i| zz.mul_add(h2, mm[i])),
+            minor: [0, 1].each(
+                #[inline(always)]
+                |i| zz.mul_add(h2, mm[i]),
+            ),
             zz,
             is_simple,
         }
@@ -273,7 +316,10 @@ impl<'a> WideProjector<'a> {
             let [a, b, c] = footprints.conic_root;
             let xy = -b / (a * c * c);
             let inverse_length2 = splat(simd, 1.0) / dot(placed.ray, placed.ray);
-            let g = [0, 1].map(|i| placed.ray[i] * inverse_length2 * (1.0 / self.focal[i]));
+            let g = [0, 1].each(
+                #[inline(always)]
+                |i| placed.ray[i] * inverse_length2 * (1.0 / self.focal[i]),
+            );
             let nu2 = (g[0] * g[0])
                 .mul_add(variance[0], (g[1] * g[1]).mul_add(variance[1], g[0] * g[1] * xy * 2.0));
             error = nu2.max(splat(simd, 0.0)).sqrt().mul_add(splat(simd, 0.8), error);
@@ -285,11 +331,17 @@ impl<'a> WideProjector<'a> {
     #[inline(always)]
     fn colors<S: Simd>(&self, simd: S, block: usize, towards: V3<S>) -> V3<S> {
         let columns = self.scalar.cloud.columns();
-        let linear = columns.colors.block(block).map(|lanes| V::simd_from(simd, lanes));
+        let linear = columns.colors.block(block).each(
+            #[inline(always)]
+            |lanes| V::simd_from(simd, lanes),
+        );
         let blend = self.scalar.view.settings.blend;
         match &columns.harmonics {
             None if blend == Blend::Linear => linear,
-            None => linear.map(|c| linear_to_srgb(simd, c)),
+            None => linear.each(
+                #[inline(always)]
+                |c| linear_to_srgb(simd, c),
+            ),
             Some(harmonics) => {
                 let direction = if self.perspective {
                     normalize_or_zero(simd, towards)
@@ -297,10 +349,23 @@ impl<'a> WideProjector<'a> {
                     let forward = self.scalar.camera_to_cloud.matrix3.z_axis.normalize_or_zero();
                     splat3(simd, forward.as_vec3().to_array())
                 };
-                let encoded = linear.map(|c| linear_to_srgb(simd, c));
+                let encoded = linear.each(
+                    #[inline(always)]
+                    |c| linear_to_srgb(simd, c),
+                );
                 let color = evaluate(simd, harmonics, block, direction);
-                let color = [0, 1, 2].map(|i| (encoded[i] + color[i]).max(splat(simd, 0.0)));
-                if blend == Blend::Linear { color.map(|c| srgb_to_linear(simd, c)) } else { color }
+                let color = [0, 1, 2].each(
+                    #[inline(always)]
+                    |i| (encoded[i] + color[i]).max(splat(simd, 0.0)),
+                );
+                if blend == Blend::Linear {
+                    color.each(
+                        #[inline(always)]
+                        |c| srgb_to_linear(simd, c),
+                    )
+                } else {
+                    color
+                }
             }
         }
     }
@@ -320,7 +385,10 @@ impl<'a> WideProjector<'a> {
         let normal = match &columns.normals {
             None => splat3(simd, [0.0; 3]),
             Some(normals) => {
-                let normal = normals.block(block).map(|lanes| V::simd_from(simd, lanes));
+                let normal = normals.block(block).each(
+                    #[inline(always)]
+                    |lanes| V::simd_from(simd, lanes),
+                );
                 normalize_or_zero(simd, Self::transform(simd, &self.normal_to_camera, normal))
             }
         };
@@ -346,15 +414,24 @@ impl<'a> WideProjector<'a> {
             columns::Kind::Surface(surface) => {
                 let coverage = strength * footprints.unit_integral;
                 let [a, b, _] = placed.columns;
-                let own = normalize_or_zero(simd, cross(a, b)).map(|n| n * self.handedness);
+                let own = normalize_or_zero(simd, cross(a, b)).each(
+                    #[inline(always)]
+                    |n| n * self.handedness,
+                );
                 let facing = dot(own, placed.ray);
                 let amplitude = coverage * facing;
-                let slope = [0, 1].map(|i| own[i] * coverage * (1.0 / self.focal[i]));
+                let slope = [0, 1].each(
+                    #[inline(always)]
+                    |i| own[i] * coverage * (1.0 / self.focal[i]),
+                );
                 // The side that is seen is the shape's; a shading normal agrees with it.
                 let cosine = dot(normal, own);
                 let turned = cosine.simd_lt(zero);
                 let bare = dot(normal, normal).simd_lt(splat(simd, 0.5));
-                let normal = [0, 1, 2].map(|i| bare.select(own[i], turned.select(-normal[i], normal[i])));
+                let normal = [0, 1, 2].each(
+                    #[inline(always)]
+                    |i| bare.select(own[i], turned.select(-normal[i], normal[i])),
+                );
                 let mut is_seen = amplitude.abs().simd_gt(zero)
                     | slope[0].abs().simd_gt(zero)
                     | slope[1].abs().simd_gt(zero);
@@ -443,7 +520,10 @@ impl<'a> WideProjector<'a> {
         ];
         let distance = if self.perspective { dot(placed.center, placed.center).sqrt() } else { z };
         let distance: Lanes = distance.into();
-        let edges: [[i32; LANES]; 4] = [left, top, right, bottom].map(|v| v.to_int::<i32x8<S>>().into());
+        let edges: [[i32; LANES]; 4] = [left, top, right, bottom].each(
+            #[inline(always)]
+            |v| v.to_int::<i32x8<S>>().into(),
+        );
         let [nx, ny, nz] = amplitudes.normal;
         let is_surface = range.is_surface;
         let normals = if is_surface { transposed([nx, ny, nz, zero]) } else { [[0.0; 4]; LANES] };
@@ -462,7 +542,10 @@ impl<'a> WideProjector<'a> {
                 self.push_scalar(range, first, 1 << lane, out);
                 continue;
             }
-            let [q0, q1, q2, q3] = quads.map(|quad| quad[lane]);
+            let [q0, q1, q2, q3] = quads.each(
+                #[inline(always)]
+                |quad| quad[lane],
+            );
             let form = if exact >> lane & 1 != 0 { Form::Exact } else { Form::Affine };
             let record = Record {
                 mean: [q0[0], q0[1]],
@@ -475,7 +558,10 @@ impl<'a> WideProjector<'a> {
                 color: [q3[0], q3[1], q3[2]],
                 tag: Tag { cloud: self.scalar.cloud_index, kind, form },
             };
-            let edge = edges.map(|edge| edge[lane] as u16);
+            let edge = edges.each(
+                #[inline(always)]
+                |edge| edge[lane] as u16,
+            );
             let rect = Rect { min: [edge[0], edge[1]], max: [edge[2], edge[3]] };
             let sample = if is_surface {
                 let normal = normals[lane];
@@ -495,11 +581,16 @@ impl<'a> WideProjector<'a> {
 /// Four numbers of each of eight splats, splat by splat.
 #[inline(always)]
 fn transposed<S: Simd>(columns: [V<S>; 4]) -> [[f32; 4]; LANES] {
-    let halves = columns.map(|v| v.split());
+    let halves = columns.each(
+        #[inline(always)]
+        |v| v.split(),
+    );
     let transpose = |a: f32x4<S>, b: f32x4<S>, c: f32x4<S>, d: f32x4<S>| -> [[f32; 4]; 4] {
         let (ac, bd) = ([a.zip_low(c), a.zip_high(c)], [b.zip_low(d), b.zip_high(d)]);
-        [ac[0].zip_low(bd[0]), ac[0].zip_high(bd[0]), ac[1].zip_low(bd[1]), ac[1].zip_high(bd[1])]
-            .map(|row| row.into())
+        [ac[0].zip_low(bd[0]), ac[0].zip_high(bd[0]), ac[1].zip_low(bd[1]), ac[1].zip_high(bd[1])].each(
+            #[inline(always)]
+            |row| row.into(),
+        )
     };
     let [a, b, c, d] = halves;
     let (low, high) = (transpose(a.0, b.0, c.0, d.0), transpose(a.1, b.1, c.1, d.1));
@@ -510,20 +601,26 @@ fn transposed<S: Simd>(columns: [V<S>; 4]) -> [[f32; 4]; LANES] {
 #[inline(always)]
 fn evaluate<S: Simd>(simd: S, harmonics: &PackedHarmonics, block: usize, direction: V3<S>) -> V3<S> {
     let [x, y, z] = direction;
-    let values = basis(x, y, z).map(|value| value * harmonics.unit);
+    let values = basis(x, y, z).each(
+        #[inline(always)]
+        |value| value * harmonics.unit,
+    );
     let pairs = harmonics.block(block);
     let per_channel = harmonics.pairs_per_channel();
-    [0, 1, 2].map(|channel| {
-        let mut sum = splat(simd, 0.0);
-        for (number, pair) in pairs[channel * per_channel..][..per_channel].iter().enumerate() {
-            let pair: i32x8<S> = u32x8::simd_from(simd, *pair).bitcast();
-            let low: V<S> = ((pair << 16) >> 16).to_float();
-            let high: V<S> = (pair >> 16).to_float();
-            sum = low.mul_add(values[2 * number], sum);
-            if 2 * number + 1 < values.len() {
-                sum = high.mul_add(values[2 * number + 1], sum);
+    [0, 1, 2].each(
+        #[inline(always)]
+        |channel| {
+            let mut sum = splat(simd, 0.0);
+            for (number, pair) in pairs[channel * per_channel..][..per_channel].iter().enumerate() {
+                let pair: i32x8<S> = u32x8::simd_from(simd, *pair).bitcast();
+                let low: V<S> = ((pair << 16) >> 16).to_float();
+                let high: V<S> = (pair >> 16).to_float();
+                sum = low.mul_add(values[2 * number], sum);
+                if 2 * number + 1 < values.len() {
+                    sum = high.mul_add(values[2 * number + 1], sum);
+                }
             }
-        }
-        sum
-    })
+            sum
+        },
+    )
 }

@@ -20,11 +20,17 @@ impl StripRows {
     /// ellipse: then they are those of the rectangle.
     #[inline(always)]
     pub(crate) fn new<S: Simd>(simd: S, record: &Record, rect: &Rect, tile: Tile, cutoff: f32) -> Self {
-        let low = [0, 1].map(|axis| (rect.min[axis] as usize).max(tile.origin[axis]) - tile.origin[axis]);
-        let high = [0, 1].map(|axis| {
-            (rect.max[axis] as usize).min(tile.origin[axis] + tile.size[axis]).max(tile.origin[axis])
-                - tile.origin[axis]
-        });
+        let low = [0, 1].each(
+            #[inline(always)]
+            |axis| (rect.min[axis] as usize).max(tile.origin[axis]) - tile.origin[axis],
+        );
+        let high = [0, 1].each(
+            #[inline(always)]
+            |axis| {
+                (rect.max[axis] as usize).min(tile.origin[axis] + tile.size[axis]).max(tile.origin[axis])
+                    - tile.origin[axis]
+            },
+        );
         let strips = low[0] / LANES..high[0].div_ceil(LANES);
         if record.tag.form == Form::Exact {
             return Self { strips, rows: [[low[1] as i32; LANES], [high[1] as i32; LANES]] };
@@ -39,7 +45,10 @@ impl StripRows {
         // Lanes 0–3 take the strips, lanes 4–7 the strips mirrored, whose lowest points are the highest.
         const FIRST: [f32; LANES] = [0.0, 8.0, 16.0, 24.0, -7.0, -15.0, -23.0, -31.0];
         const SIGN: [f32; LANES] = [1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0];
-        let [u, v] = [0, 1].map(|axis| tile.origin[axis] as f32 + 0.5 - record.mean[axis]);
+        let [u, v] = [0, 1].each(
+            #[inline(always)]
+            |axis| tile.origin[axis] as f32 + 0.5 - record.mean[axis],
+        );
         let sign = V::simd_from(simd, SIGN);
         let left = sign.mul_add(splat(simd, u), V::simd_from(simd, FIRST));
         let (left, right) = (left.max(splat(simd, -reach)), (left + 7.0).min(splat(simd, reach)));
@@ -63,7 +72,10 @@ impl StripRows {
     pub(crate) fn into_iter(self) -> impl Iterator<Item = (usize, Range<usize>)> {
         let [from, to] = self.rows;
         self.strips.filter_map(move |strip| {
-            let [from, to] = [from, to].map(|rows| rows[strip % STRIPS]);
+            let [from, to] = [from, to].each(
+                #[inline(always)]
+                |rows| rows[strip % STRIPS],
+            );
             (from < to).then_some((strip, from as usize..to as usize))
         })
     }

@@ -88,10 +88,13 @@ impl SurfelRaster<'_> {
         let (record, rect) = (&self.records[index as usize], &self.rects[index as usize]);
         let zeta = if self.lens.projection == Projection::Perspective { record.depth } else { 1.0 };
         let filter_reach = self.cutoff.sqrt() * (self.lens.low_pass / self.lens.focal.min_element()) as f32;
-        let tilt = [0, 1].map(|axis| {
-            let tilt = record.amplitude_slope[axis] / record.amplitude;
-            if tilt.is_finite() { tilt } else { 0.0 }
-        });
+        let tilt = [0, 1].each(
+            #[inline(always)]
+            |axis| {
+                let tilt = record.amplitude_slope[axis] / record.amplitude;
+                if tilt.is_finite() { tilt } else { 0.0 }
+            },
+        );
         Surfel {
             record,
             rect,
@@ -217,13 +220,19 @@ impl Surfel<'_> {
         if self.record.tag.form == Form::Exact {
             return f32::NEG_INFINITY;
         }
-        let [x, y] = part.corner.map(|corner| corner + 3.5);
+        let [x, y] = part.corner.each(
+            #[inline(always)]
+            |corner| corner + 3.5,
+        );
         let over_block =
             |slope: [f32; 2]| [slope[0] * x + slope[1] * y, 3.5 * (slope[0].abs() + slope[1].abs())];
         let [rise, range] = over_block(self.record.depth_slope);
         // To first order the plane rises by −ζ t, t the change of n·v; the rest is at most ζ t²/(1 − |t|).
         let [change, _] = over_block(self.tilt);
-        let offset_slope = [0, 1].map(|i| -self.zeta * self.tilt[i] - self.record.depth_slope[i]);
+        let offset_slope = [0, 1].each(
+            #[inline(always)]
+            |i| -self.zeta * self.tilt[i] - self.record.depth_slope[i],
+        );
         let [offset, offset_range] = over_block(offset_slope);
         let most = change.abs() + over_block(self.tilt)[1];
         let rest = if most < 0.5 { 2.0 * self.zeta.abs() * most * most } else { f32::INFINITY };
