@@ -1,8 +1,10 @@
 //! What a frame cost: the only clocks of the program.
 
+use oblate::engine::simd::{Level, rewrite};
 use oblate::engine::{Counts, Observer, Stage};
 use serde::{Serialize, Serializer};
 use std::cell::Cell;
+use std::hint::black_box;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -75,8 +77,11 @@ pub(crate) struct Stats {
     pub(crate) splats: u64,
     /// Splats whose footprint touches the picture; null when a reference drew it.
     pub(crate) visible: Option<u64>,
-    /// Pixels within the cut-off, summed over the splats; null when a reference drew it.
+    /// Pixels that were evaluated, summed over the splats; null when a reference drew it.
     pub(crate) fragments: Option<u64>,
+    /// The least time in which that many can be blended: 32 bytes each, read and written back in the first-level
+    /// cache on all threads, measured here; null when a reference drew it.
+    pub(crate) store_bound_ms: Option<f64>,
     pub(crate) threads: usize,
     #[serde(serialize_with = "rounded")]
     pub(crate) frame_ms: f64,
@@ -91,8 +96,25 @@ pub(crate) struct Stats {
     pub(crate) peak_mib: Option<f64>,
 }
 
+/// Milliseconds that it takes to read and write back 32 bytes for each of so many fragments, on all threads.
+pub(crate) fn store_bound_ms(fragments: u64) -> f64 {
+    /// As many as a tile's cells have.
+    const LANES: usize = 512;
+    const ROUNDS: usize = 1000;
+    let mut lanes = [[1.0; 8]; LANES];
+    let level = Level::best();
+    let time = || {
+        let begun = Instant::now();
+        rewrite(level, black_box(&mut lanes), ROUNDS);
+        begun.elapsed()
+    };
+    let quickest = std::iter::repeat_with(time).take(20).min().unwrap_or_default();
+    let bytes_a_millisecond = (LANES * 32 * 2 * ROUNDS) as f64 / milliseconds(quickest).max(1e-9);
+    fragments as f64 * 32.0 / bytes_a_millisecond / rayon::current_num_threads() as f64
+}
+
 /// To microseconds.
-fn round_micro(ms: f64) -> f64 {
+pub(crate) fn round_micro(ms: f64) -> f64 {
     (ms * 1e3).round() / 1e3
 }
 
@@ -141,10 +163,10 @@ mod tests {
     fn per_tile_stages_are_shared_among_threads() {
         let clock = StageClock::default();
         clock.nanos[Stage::Order as usize].store(6_000_000, Ordering::Relaxed);
-        clock.nanos[Stage::Raster as usize].store(6_000_000, Ordering::Relaxed);
+        clock.nanos[Stage::Composite as usize].store(6_000_000, Ordering::Relaxed);
         let times = clock.finish(Duration::from_millis(9), 3);
         assert_eq!(times.stages_ms[Stage::Order as usize], 6.0);
-        assert_eq!(times.stages_ms[Stage::Raster as usize], 2.0);
+        assert_eq!(times.stages_ms[Stage::Composite as usize], 2.0);
         assert_eq!(times.frame_ms, 9.0);
     }
 

@@ -104,11 +104,6 @@ impl TileLists {
     pub(crate) fn tile(&self, tile: usize) -> &[AtomicU32] {
         &self.entries[self.starts[tile] as usize..self.starts[tile + 1] as usize]
     }
-
-    /// Entries of all lists.
-    pub(crate) fn len(&self) -> usize {
-        self.starts.last().map_or(0, |end| *end as usize)
-    }
 }
 
 #[cfg(test)]

@@ -215,11 +215,6 @@ impl PackedHarmonics {
         packed
     }
 
-    /// Highest degree, from 1 to 3.
-    pub(crate) fn degree(&self) -> u8 {
-        self.degree
-    }
-
     pub(crate) fn pairs_per_channel(&self) -> usize {
         Harmonics::count(self.degree).div_ceil(2)
     }

@@ -272,6 +272,7 @@ impl Compositor<'_> {
         // Neither cuts nor the near plane can go through it.
         let is_whole = cuts.is_empty() && nearest > self.near;
         let alpha = Alpha::new(record);
+        let change = Recurrence::change(simd, record);
         for (strip, rows) in StripRows::new(simd, record, rect, tile, self.cutoff).into_iter() {
             let open = &open.0[strip];
             let mut rows = rows.start.max(open.start)..rows.end.min(open.end);
@@ -288,7 +289,7 @@ impl Compositor<'_> {
                 };
                 match place {
                     Place::Hidden => {}
-                    Place::FirstRun => self.plain(simd, &part, alpha, &mut runs.segments[0]),
+                    Place::FirstRun => self.plain(simd, &part, (alpha, change), &mut runs.segments[0]),
                     Place::Between(segments) => self.shared(simd, &part, (cuts, segments), runs),
                 }
             }
@@ -311,7 +312,7 @@ impl Compositor<'_> {
 
     /// Adds a record to one run.
     #[inline(always)]
-    fn plain<S: Simd>(&self, simd: S, strip: &Strip, alpha: Alpha, cells: &mut [Cell]) {
+    fn plain<S: Simd>(&self, simd: S, strip: &Strip, (alpha, change): (Alpha, V<S>), cells: &mut [Cell]) {
         if strip.record.tag.form == Form::Exact || self.lens.low_pass.powi(2) < RECURRENCE_LOW_PASS {
             return self.rows(simd, strip, cells);
         }
@@ -320,7 +321,7 @@ impl Compositor<'_> {
             Alpha::Peak(peak) => {
                 self.recurrence(
                     simd,
-                    strip,
+                    (strip, change),
                     cells,
                     #[inline(always)]
                     |w| w * peak,
@@ -333,7 +334,7 @@ impl Compositor<'_> {
                 );
                 self.recurrence(
                     simd,
-                    strip,
+                    (strip, change),
                     cells,
                     #[inline(always)]
                     |w| w * w.mul_add(w.mul_add(c, b), a),
@@ -346,7 +347,7 @@ impl Compositor<'_> {
                 );
                 self.recurrence(
                     simd,
-                    strip,
+                    (strip, change),
                     cells,
                     #[inline(always)]
                     |w| w * w.mul_add(w.mul_add(w.mul_add(w.mul_add(e, d), c), b), a),
@@ -355,7 +356,7 @@ impl Compositor<'_> {
             Alpha::Thick(peak) => {
                 self.recurrence(
                     simd,
-                    strip,
+                    (strip, change),
                     cells,
                     #[inline(always)]
                     |w| opacity(simd, w * peak),
@@ -365,7 +366,13 @@ impl Compositor<'_> {
     }
 
     #[inline(always)]
-    fn recurrence<S: Simd>(&self, simd: S, strip: &Strip, cells: &mut [Cell], alpha: impl Fn(V<S>) -> V<S>) {
+    fn recurrence<S: Simd>(
+        &self,
+        simd: S,
+        (strip, change): (&Strip, V<S>),
+        cells: &mut [Cell],
+        alpha: impl Fn(V<S>) -> V<S>,
+    ) {
         let record = strip.record;
         let least = match record.tag.kind {
             Kind::Opacity => self.least_alpha / record.amplitude,
@@ -377,7 +384,7 @@ impl Compositor<'_> {
         let [slope_x, slope_y] = record.depth_slope;
         let rows_a_start = Recurrence::<S>::rows_a_start(record, self.cutoff);
         for cells in cells[strip.cells()].chunks_mut(rows_a_start) {
-            let mut w = Recurrence::new(simd, record, u, v);
+            let mut w = Recurrence::new(simd, (record, change), u, v);
             let mut depth = u.mul_add(splat(simd, slope_x), splat(simd, record.depth + slope_y * v));
             v += cells.len() as f32;
             for cell in cells {

@@ -13,7 +13,7 @@ use crate::cloud::Cloud;
 use crate::columns::{Kind, LANES, Lanes};
 use crate::composite::Cut;
 use crate::footprint::SurfaceSample;
-use crate::raster::{Sample, SurfelRaster};
+use crate::raster::{Needs, Sample, SurfelRaster};
 use crate::simd::*;
 use crate::tile::{BLOCK_ROWS, MAX_SIDE, Tile};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -204,8 +204,8 @@ pub(crate) struct LayerBuffers {
     firsts: Vec<First>,
     sums: Vec<Sums>,
     seen_through: Vec<SeenThrough>,
-    /// For each block the depth behind which no sample matters to the layer.
-    farthest: [f32; BLOCKS],
+    /// What each block needs.
+    needs: [Needs; BLOCKS],
     /// Records that may have samples in the layer.
     candidates: Vec<u32>,
 }
@@ -216,7 +216,7 @@ impl LayerBuffers {
             firsts: Vec::new(),
             sums: Vec::new(),
             seen_through: Vec::new(),
-            farthest: [f32::INFINITY; BLOCKS],
+            needs: [Needs { rows: 0, done: f32::NEG_INFINITY, farthest: f32::INFINITY }; BLOCKS],
             candidates: Vec::new(),
         }
     }
@@ -242,7 +242,7 @@ pub(crate) fn depth_tolerances(clouds: &[Cloud]) -> impl Iterator<Item = f32> {
     })
 }
 
-/// Records after which the blocks' farthest depths are found anew.
+/// Records after which it is found anew what the blocks need.
 const RECORDS_A_CHECK: usize = 32;
 
 impl LayerBuilder<'_> {
@@ -295,11 +295,11 @@ impl LayerBuilder<'_> {
         (tile, list): (Tile, &[AtomicU32]),
         buffers: &mut LayerBuffers,
     ) -> u64 {
-        let LayerBuffers { firsts, farthest, candidates, .. } = buffers;
+        let LayerBuffers { firsts, needs, candidates, .. } = buffers;
         candidates.clear();
         let mut lanes = 0;
         for list in list.chunks(RECORDS_A_CHECK) {
-            find_farthest(simd, tile, firsts, farthest);
+            find_needs(simd, tile, firsts, needs);
             for entry in list {
                 let index = entry.load(Ordering::Relaxed);
                 let surfel = self.raster.surfel(index);
@@ -308,7 +308,7 @@ impl LayerBuilder<'_> {
                 let drawn = surfel.draw(
                     simd,
                     tile,
-                    farthest,
+                    needs,
                     #[inline(always)]
                     |cell, sample: Sample<S>| {
                         let first = &mut firsts[cell];
@@ -334,8 +334,8 @@ impl LayerBuilder<'_> {
     /// Sums up the samples that belong to the layer.
     #[inline(always)]
     fn sum_up<S: Simd>(&self, simd: S, tile: Tile, buffers: &mut LayerBuffers) -> u64 {
-        let LayerBuffers { firsts, sums, farthest, candidates, .. } = buffers;
-        find_farthest(simd, tile, firsts, farthest);
+        let LayerBuffers { firsts, sums, needs, candidates, .. } = buffers;
+        find_needs(simd, tile, firsts, needs);
         let mut lanes = 0;
         for index in candidates.iter() {
             let surfel = self.raster.surfel(*index);
@@ -345,7 +345,7 @@ impl LayerBuilder<'_> {
             lanes += surfel.draw(
                 simd,
                 tile,
-                farthest,
+                needs,
                 #[inline(always)]
                 |cell, sample: Sample<S>| {
                     let (first, sums) = (&firsts[cell], &mut sums[cell]);
@@ -485,25 +485,30 @@ fn begin(tile: Tile, buffers: &mut LayerBuffers) {
 #[inline(always)]
 fn take_the_rest<S: Simd>(simd: S, tile: Tile, firsts: &mut [First]) {
     let infinity = splat(simd, f32::INFINITY);
-    for first in (0..tile.strips()).flat_map(|strip| tile.strip(strip)).map(|cell| cell) {
-        let first = &mut firsts[first];
+    for cell in (0..tile.strips()).flat_map(|strip| tile.strip(strip)) {
+        let first = &mut firsts[cell];
         let wanted = V::simd_from(simd, first.depth).simd_gt(-infinity);
         first.limit = wanted.select(infinity, -infinity).into();
     }
 }
 
-/// The depth in each block behind which no sample can be a first one or belong to its layer.
+/// Finds what each block needs of the samples behind the layers so far.
 #[inline(always)]
-fn find_farthest<S: Simd>(simd: S, tile: Tile, firsts: &[First], farthest: &mut [f32; BLOCKS]) {
+fn find_needs<S: Simd>(simd: S, tile: Tile, firsts: &[First], needs: &mut [Needs; BLOCKS]) {
     let blocks = tile.side / BLOCK_ROWS;
+    let infinity = splat(simd, f32::INFINITY);
     for strip in 0..tile.strips() {
         for block in 0..tile.size[1].div_ceil(BLOCK_ROWS) {
             let first = strip * tile.side + block * BLOCK_ROWS;
-            let mut most = splat(simd, f32::NEG_INFINITY);
-            for first in &firsts[first..first + BLOCK_ROWS] {
-                most = most.max(V::simd_from(simd, first.limit));
+            let (mut rows, mut farthest, mut done) = (0, -infinity, infinity);
+            for (row, first) in firsts[first..first + BLOCK_ROWS].iter().enumerate() {
+                let wanted = V::simd_from(simd, first.depth).simd_gt(-infinity);
+                rows |= u8::from(wanted.any_true()) << row;
+                farthest = farthest.max(V::simd_from(simd, first.limit));
+                done = done.min(wanted.select(V::simd_from(simd, first.previous), infinity));
             }
-            farthest[strip * blocks + block] = most.reduce_max();
+            let (done, farthest) = (done.reduce_min(), farthest.reduce_max());
+            needs[strip * blocks + block] = Needs { rows, done, farthest };
         }
     }
 }

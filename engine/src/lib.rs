@@ -4,8 +4,9 @@
 //! Round splats are volume kernels, flat ones are surfels, and everything between is allowed: no
 //! formula divides by the thickness. The stages, in the order in which a picture passes through them:
 //!
-//! [`cloud`], [`camera`], [`scene`] say what is drawn and from where; `cull`, `footprint`, `order`,
-//! `bin`, `raster`, `layers`, `composite` and `resolve` draw it into a [`Frame`].
+//! [`cloud`], [`camera`], [`scene`] say what is drawn and from where; `cull`, `footprint`, `order`, `bin`, `layers`,
+//! `composite` (both by `raster`) and `resolve` draw it into a [`Frame`]. A [`Renderer`] keeps its buffers from one
+//! frame to the next.
 //!
 //! # Conventions
 //! World space is right-handed; camera space is x right, y down, z forward with the camera at the
@@ -19,7 +20,6 @@ pub mod color;
 mod columns;
 mod composite;
 mod cull;
-mod exponential;
 pub mod footprint;
 pub mod frame;
 mod harmonics;

@@ -11,11 +11,9 @@ pub enum Stage {
     Order,
     /// Records to tiles.
     Bin,
-    /// A tile's records to fragments and surface samples.
-    Raster,
-    /// Surface samples to cuts.
+    /// A tile's surface records to cuts, rasterized.
     Layers,
-    /// Fragments to runs.
+    /// A tile's volume records to runs, rasterized.
     Composite,
     /// Cuts and runs to the frame.
     Resolve,
@@ -23,12 +21,11 @@ pub enum Stage {
 
 impl Stage {
     /// Every stage, in order.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 7] = [
         Self::Cull,
         Self::Footprint,
         Self::Order,
         Self::Bin,
-        Self::Raster,
         Self::Layers,
         Self::Composite,
         Self::Resolve,
@@ -41,7 +38,6 @@ impl Stage {
             Self::Footprint => "footprint",
             Self::Order => "order",
             Self::Bin => "bin",
-            Self::Raster => "raster",
             Self::Layers => "layers",
             Self::Composite => "composite",
             Self::Resolve => "resolve",
@@ -51,7 +47,7 @@ impl Stage {
     /// Whether it runs tile by tile on many threads at once: then `begin` and `end` come in pairs on each
     /// of those threads. The other stages report once, from the thread that draws.
     pub fn is_per_tile(self) -> bool {
-        self >= Self::Raster
+        self >= Self::Layers
     }
 }
 
@@ -62,7 +58,8 @@ pub struct Counts {
     pub splats: u64,
     /// Splats whose footprint touches the picture.
     pub visible: u64,
-    /// Pixels within the cut-off, summed over the visible splats that were rasterized.
+    /// Pixels that were evaluated, summed over the passes over surfaces and volumes: those of each splat's rows in
+    /// strips of eight, as far as they could still be seen.
     pub fragments: u64,
 }
 

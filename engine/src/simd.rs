@@ -130,6 +130,18 @@ pub(crate) type V<S> = f32x8<S>;
 /// Eight answers.
 pub(crate) type M<S> = mask32x8<S>;
 
+/// Reads numbers, changes them and writes them back, `rounds` times: what blending does to memory and nothing else.
+/// The time that it takes on a buffer the size of a tile is the least that rasterization can take.
+pub fn rewrite(level: Level, lanes: &mut [[f32; 8]], rounds: usize) {
+    dispatch!(level, simd => {
+        for _ in 0..rounds {
+            for lanes in lanes.iter_mut() {
+                *lanes = (V::simd_from(simd, *lanes) * 0.999).into();
+            }
+        }
+    });
+}
+
 /// 0, 1, … 7.
 #[inline(always)]
 pub(crate) fn lane_numbers<S: Simd>(simd: S) -> V<S> {
@@ -163,7 +175,7 @@ fn polynomial<S: Simd, const N: usize>(simd: S, x: V<S>, coefficients: [f32; N])
     sum
 }
 
-/// As [`crate::exponential::exp`]: e^x for −87 ≤ x ≤ 87 within (4 + 1.2 |x|) 1e-7 of itself; outside e^{±87}.
+/// e^x for −87 ≤ x ≤ 87 within (4 + 1.2 |x|) 1e-7 of itself; outside e^{±87}.
 #[inline(always)]
 pub(crate) fn exp<S: Simd>(simd: S, x: V<S>) -> V<S> {
     let x = x.max(splat(simd, -87.0)).min(splat(simd, 87.0));

@@ -9,7 +9,7 @@ use crate::draw::Drawing;
 use crate::output::Output;
 use crate::picture::Format;
 use crate::progress::Console;
-use crate::stats::{FrameTimes, Stats, median, milliseconds, peak_mib};
+use crate::stats::{FrameTimes, Stats, median, milliseconds, peak_mib, round_micro, store_bound_ms};
 use crate::{built_in, scene_file, transfer};
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
@@ -199,6 +199,7 @@ fn summary(scene: &Scene, times: &[FrameTimes], by_reference: bool) -> Stats {
         splats: scene.clouds.iter().map(|cloud| cloud.len() as u64).sum(),
         visible: counts.map(|c| c.visible),
         fragments: counts.map(|c| c.fragments),
+        store_bound_ms: counts.map(|c| round_micro(store_bound_ms(c.fragments))),
         threads: rayon::current_num_threads(),
         frame_ms: of(|t, _| t.frame_ms, 0),
         stages_ms: stages.iter().map(|s| (s.name(), of(|t, i| t.stages_ms[i], *s as usize))).collect(),

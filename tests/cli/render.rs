@@ -93,7 +93,7 @@ fn statistics_are_one_json_object() {
     assert!(number("fragments") >= number("visible") / 2.0);
     assert_eq!(number("threads"), 2.0);
     let stages = stats["stages_ms"].as_object().unwrap();
-    let names = ["cull", "footprint", "order", "bin", "raster", "layers", "composite", "resolve"];
+    let names = ["cull", "footprint", "order", "bin", "layers", "composite", "resolve"];
     assert!(stages.len() == names.len() && names.iter().all(|name| stages[*name].as_f64().unwrap() >= 0.0));
     assert!(number("frame_ms") > 0.0 && number("load_ms") > 0.0 && number("build_ms") > 0.0);
     if cfg!(target_os = "linux") {

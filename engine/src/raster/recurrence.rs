@@ -16,12 +16,19 @@ pub(crate) struct Recurrence<S: Simd> {
 }
 
 impl<S: Simd> Recurrence<S> {
+    /// e^{−Q_yy}, by which the ratio of a record changes from row to row.
+    #[inline(always)]
+    pub(crate) fn change(simd: S, record: &Record) -> V<S> {
+        let [_, b, c] = record.conic_root;
+        exp(simd, splat(simd, -(b * b + c * c)))
+    }
+
     /// Starts at offsets (u, v) from the record's mean.
     ///
     /// A pixel so far out that f32 can't hold its start stays at 0. It is outside the ellipse as far as
     /// [`Self::rows_a_start`] rows on.
     #[inline(always)]
-    pub(crate) fn new(simd: S, record: &Record, u: V<S>, v: f32) -> Self {
+    pub(crate) fn new(simd: S, (record, change): (&Record, V<S>), u: V<S>, v: f32) -> Self {
         let [a, b, c] = record.conic_root;
         let along = u.mul_add(splat(simd, a), splat(simd, b * v));
         let square = along.mul_add(along, splat(simd, c * v * c * v));
@@ -29,7 +36,7 @@ impl<S: Simd> Recurrence<S> {
         let exponent = square * -0.5;
         let value = keep(simd, exponent.simd_gt(splat(simd, -86.9)), exp(simd, exponent));
         let slope = u.mul_add(splat(simd, -a * b), splat(simd, -s * (v + 0.5)));
-        Self { value, ratio: exp(simd, slope), change: exp(simd, splat(simd, -s)) }
+        Self { value, ratio: exp(simd, slope), change }
     }
 
     /// How many rows may follow a start.

@@ -33,6 +33,17 @@ pub(crate) struct Surfel<'a> {
     zeta: f32,
 }
 
+/// What a block of 8×8 pixels still needs.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Needs {
+    /// A bit for each row that has pixels to which samples matter.
+    pub(crate) rows: u8,
+    /// Samples whose spans begin at most this deep, less 3σ_z, belong to layers that are done.
+    pub(crate) done: f32,
+    /// Samples whose spans begin behind this matter no more.
+    pub(crate) farthest: f32,
+}
+
 /// A surface at eight pixels, seen by one splat.
 pub(crate) struct Sample<S: Simd> {
     /// Where the pixel is within the cut-off and behind the near plane.
@@ -111,14 +122,14 @@ impl Surfel<'_> {
         self.record.tag.form == Form::Exact || self.record.amplitude > 0.0
     }
 
-    /// Calls `take` with each cell of a tile that the record meets and the samples there, where they are not
-    /// beyond the farthest depths that matter in the blocks. Gives the number of pixels.
+    /// Calls `take` with each cell of a tile that the record meets and the samples there, where blocks may need them.
+    /// Gives the number of pixels.
     #[inline(always)]
     pub(crate) fn draw<S: Simd>(
         &self,
         simd: S,
         tile: Tile,
-        farthest: &[f32],
+        needs: &[Needs],
         mut take: impl FnMut(usize, Sample<S>),
     ) -> u64 {
         let record = self.record;
@@ -130,12 +141,18 @@ impl Surfel<'_> {
             let u = lane_numbers(simd) + x;
             for block in rows.start / BLOCK_ROWS..rows.end.div_ceil(BLOCK_ROWS) {
                 let first = block * BLOCK_ROWS;
-                if self.nearest([x, top + first as f32]) > farthest[strip * blocks + block] {
+                let needs = &needs[strip * blocks + block];
+                let [nearest, farthest] = self.spans([x, top + first as f32]);
+                if nearest > needs.farthest || farthest <= needs.done {
                     continue;
                 }
-                let rows = rows.start.max(first)..rows.end.min(first + BLOCK_ROWS);
-                rows_drawn += rows.len() as u64;
-                for row in rows {
+                let from = rows.start.max(first) - first;
+                let to = rows.end.min(first + BLOCK_ROWS) - first;
+                let mut wanted = u32::from(needs.rows) & ((1 << to) - (1 << from));
+                rows_drawn += u64::from(wanted.count_ones());
+                while wanted != 0 {
+                    let row = first + wanted.trailing_zeros() as usize;
+                    wanted &= wanted - 1;
                     let v = top + row as f32;
                     let sample = if record.tag.form == Form::Exact {
                         self.exact_sample(simd, u, v)
@@ -201,12 +218,12 @@ impl Surfel<'_> {
         }
     }
 
-    /// No sample in a block has a span that begins nearer, 3σ_z included; the block's first pixel has this offset
+    /// Between which depths the spans of samples in a block begin, less 3σ_z; the block's first pixel has this offset
     /// from the mean.
     #[inline(always)]
-    fn nearest(&self, first: [f32; 2]) -> f32 {
+    fn spans(&self, first: [f32; 2]) -> [f32; 2] {
         if self.record.tag.form == Form::Exact {
-            return f32::NEG_INFINITY;
+            return [f32::NEG_INFINITY, f32::INFINITY];
         }
         let [x, y] = [first[0] + 3.5, first[1] + 3.5];
         let over_block =
@@ -222,6 +239,7 @@ impl Surfel<'_> {
         let most = change.abs() + over_block(self.tilt)[1];
         let rest = if most < 0.5 { 2.0 * self.zeta.abs() * most * most } else { f32::INFINITY };
         let offset = (offset - offset_range - rest).min(0.0).max(-self.farthest_offset);
-        self.record.depth + rise - range + offset - 3.0 * self.record.sigma_z
+        let middle = self.record.depth + rise - 3.0 * self.record.sigma_z;
+        [middle - range + offset, middle + range]
     }
 }
