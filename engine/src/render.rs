@@ -303,3 +303,6 @@ impl TileDrawer<'_> {
         count
     }
 }
+
+#[cfg(test)]
+mod specification;

@@ -142,3 +142,6 @@ impl SceneView<'_> {
         Projector::new(&scene.clouds[cloud], cloud as u16, &shaders[cloud], view)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,444 @@
+//! What a picture is, written pixel by pixel in double precision: the records that the footprint stage made, the layer
+//! rule, shares between cuts by Φ, and compositing from near to far. Tiles, strips, recurrences, polynomials and early
+//! ends are the drawer's own affair and must not show.
+
+use super::*;
+use crate::camera::{Pose, Projection};
+use crate::cloud::{Cloud, Material, Shapes, Splats, Strength, Surface, oblate_factor};
+use crate::footprint::{Form, Kind, Record, Rect};
+use crate::scene::FootprintForm;
+use glam::{DAffine3, DMat3, DVec2, DVec3, Mat3, Vec3};
+
+/// A footprint at one pixel.
+struct Hit {
+    r: f64,
+    z: f64,
+    sigma_z: f64,
+    scale: f64,
+    /// What rounding does to r: its linear form is a difference of two products.
+    doubt: f64,
+}
+
+fn hit(record: &Record, u: DVec2) -> Hit {
+    let [a, b, c] = record.conic_root.map(f64::from);
+    let q = (a * u.x + b * u.y).powi(2) + (c * u.y).powi(2);
+    let rise = DVec2::from(record.depth_slope.map(f64::from)).dot(u);
+    let (d, sigma_z) = (f64::from(record.depth), f64::from(record.sigma_z));
+    let (r, z, scale) = match record.tag.form {
+        Form::Affine => (q, d + rise, 1.0),
+        Form::Exact => {
+            let t = 1.0 - rise / d;
+            let den = t * t + (sigma_z / d).powi(2) * q;
+            (q / den, d * t / den, 1.0 / den.sqrt())
+        }
+    };
+    let doubt = 2.0 * q.sqrt() * 2.0 * 6e-8 * ((a * u.x).abs() + (b * u.y).abs()) + 4e-7 * r;
+    Hit { r, z, sigma_z: sigma_z * scale, scale, doubt }
+}
+
+fn contains(rect: &Rect, pixel: [usize; 2]) -> bool {
+    (0..2).all(|axis| (usize::from(rect.min[axis])..usize::from(rect.max[axis])).contains(&pixel[axis]))
+}
+
+fn phi(x: f64) -> f64 {
+    0.5 * libm::erfc(-x * std::f64::consts::FRAC_1_SQRT_2)
+}
+
+/// A surface layer.
+struct SpecifiedCut {
+    z: f64,
+    alpha: f64,
+    color: DVec3,
+    id: u32,
+}
+
+/// A surface splat at one pixel.
+#[derive(Clone, Copy)]
+struct Sample {
+    z: f64,
+    nearest: f64,
+    farthest: f64,
+    coverage: f64,
+    opacity: f64,
+    color: DVec3,
+    id: u32,
+    tolerance: f64,
+}
+
+/// A pixel, and what rounding may do to it at most.
+struct Pixel {
+    color: [f64; 4],
+    cuts: Vec<SpecifiedCut>,
+    bound: f64,
+}
+
+/// A scene's records and the pictures they make.
+struct Specification<'a> {
+    camera: &'a Camera,
+    settings: &'a RenderSettings,
+    lens: Lens,
+    surfaces: &'a Records,
+    volumes: &'a Records,
+    /// Places of surfaces in their order, and of volumes from near to far.
+    surface_order: Vec<usize>,
+    volume_order: Vec<usize>,
+    depth_tolerances: &'a [f32],
+}
+
+fn taken(records: &Records) -> Vec<usize> {
+    records.runs.iter().flat_map(|run| run.start..run.start + run.len).collect()
+}
+
+impl<'a> Specification<'a> {
+    fn new(
+        [surfaces, volumes]: [&'a Records; 2],
+        (camera, settings): (&'a Camera, &'a RenderSettings),
+        depth_tolerances: &'a [f32],
+    ) -> Self {
+        let mut volume_order = taken(volumes);
+        let key = |place: usize| (volumes.keys[place].load(Relaxed) >> 32) as u32;
+        let nearest = volume_order.iter().map(|place| key(*place)).min().unwrap_or(0);
+        // Distances count to 2⁻²⁰ of themselves.
+        volume_order.sort_by_key(|place| ((key(*place) - nearest) >> 3, *place));
+        Self {
+            camera,
+            settings,
+            lens: Lens::new(camera, settings.low_pass),
+            surfaces,
+            volumes,
+            surface_order: taken(surfaces),
+            volume_order,
+            depth_tolerances,
+        }
+    }
+
+    fn spent(&self) -> f64 {
+        self.settings.tolerance / 4.0
+    }
+
+    /// `None` where rounding alone says which samples make a layer.
+    fn pixel(&self, pixel: [usize; 2]) -> Option<Pixel> {
+        let cuts = self.cuts(pixel)?;
+        let (runs, bound) = self.runs(pixel, &cuts);
+        let (mut color, mut through) = (DVec3::ZERO, 1.0);
+        for (segment, (sent, lets)) in runs.into_iter().enumerate() {
+            color += through * sent;
+            through *= lets;
+            if let Some(cut) = cuts.get(segment) {
+                color += through * cut.alpha * cut.color;
+                through *= 1.0 - cut.alpha;
+            }
+        }
+        let [red, green, blue, alpha] = self.settings.background.map(f64::from);
+        color += through * alpha * DVec3::new(red, green, blue);
+        through *= 1.0 - alpha;
+        Some(Pixel { color: [color.x, color.y, color.z, 1.0 - through], cuts, bound })
+    }
+
+    fn samples(&self, pixel: [usize; 2]) -> Option<Vec<Sample>> {
+        let center = DVec2::new(pixel[0] as f64, pixel[1] as f64) + 0.5;
+        let (cutoff, near) = (self.settings.cutoff, self.camera.near());
+        let mut samples = Vec::new();
+        for place in &self.surface_order {
+            let (record, sample) = (&self.surfaces.records[*place], &self.surfaces.samples[*place]);
+            if !contains(&self.surfaces.rects[*place], pixel) {
+                continue;
+            }
+            let u = center - DVec2::from(record.mean.map(f64::from));
+            let Hit { r, z, sigma_z, scale, doubt } = hit(record, u);
+            if (r - cutoff).abs() <= 2e-5 + doubt || (z - near).abs() <= 1e-5 * z.abs() {
+                return None;
+            }
+            if r > cutoff || z <= near {
+                continue;
+            }
+            // n·v changes linearly along the picture, and with it where the plane is.
+            let facing = f64::from(record.amplitude);
+            let change = DVec2::from(record.amplitude_slope.map(f64::from)).dot(u);
+            let depth = f64::from(record.depth);
+            let is_perspective = self.camera.projection() == Projection::Perspective;
+            let zeta = if is_perspective { depth } else { 1.0 };
+            let divisor = if is_perspective { facing + change } else { facing };
+            let limit =
+                30.0 * cutoff.sqrt() * self.lens.low_pass / self.lens.focal.min_element() * zeta.abs();
+            let offset = depth - zeta * change / divisor - z;
+            let offset = if offset.is_nan() { -limit } else { offset.clamp(-limit, limit) };
+            // The affine form leaves the change out of the coverage.
+            let peak =
+                if record.tag.form == Form::Exact { (facing + change).abs() * scale } else { facing.abs() };
+            let tolerance = f64::from(self.depth_tolerances[record.tag.cloud as usize]);
+            samples.push(Sample {
+                z,
+                nearest: z + offset.min(0.0) - 3.0 * sigma_z,
+                farthest: z + offset.max(0.0),
+                coverage: peak * (-0.5 * r).exp(),
+                opacity: f64::from(sample.opacity),
+                color: DVec3::from(record.color.map(f64::from)),
+                id: sample.id,
+                tolerance,
+            });
+        }
+        Some(samples)
+    }
+
+    /// Near to far: each takes the samples whose spans come within its first one's limit, the fourth all that is left.
+    fn cuts(&self, pixel: [usize; 2]) -> Option<Vec<SpecifiedCut>> {
+        let mut left = self.samples(pixel)?;
+        let mut cuts: Vec<SpecifiedCut> = Vec::new();
+        let (mut bare, mut covered) = (1.0, 0.0);
+        while !left.is_empty() && cuts.len() < 4 && bare + covered > self.spent() {
+            let last = cuts.len() == 3;
+            let first = left.iter().copied().reduce(|a, b| if b.z < a.z { b } else { a })?;
+            let limit = first.farthest + first.tolerance;
+            let is_close = |z: f64, to: f64| (z - to).abs() <= 4e-6 * z.abs();
+            for other in left.iter().filter(|other| other.id != first.id) {
+                // Two that come first leave open which limit counts.
+                let two_first = is_close(other.z, first.z) && !is_close(other.farthest, first.farthest);
+                if two_first || !last && is_close(other.nearest, limit) {
+                    return None;
+                }
+            }
+            let (taken, behind): (Vec<Sample>, Vec<Sample>) =
+                left.into_iter().partition(|sample| last || sample.nearest <= limit);
+            left = behind;
+            let total: f64 = taken.iter().map(|sample| sample.coverage).sum();
+            let mean = |of: fn(&Sample) -> f64| taken.iter().map(|s| s.coverage * of(s)).sum::<f64>() / total;
+            let mut opacity = mean(|s| s.opacity).min(1.0);
+            if last {
+                opacity = 1.0 - (1.0 - opacity).powf(total.max(1.0));
+            }
+            let before = bare + covered;
+            let coverage = total.min(1.0);
+            let beside = coverage.min(bare);
+            let again = if bare < 1.0 { (coverage - beside) / (1.0 - bare) } else { 0.0 };
+            covered = covered * (1.0 - opacity * again) + beside * (1.0 - opacity);
+            bare -= beside;
+            if ((bare + covered) / self.spent() - 1.0).abs() < 0.01 {
+                return None;
+            }
+            let z = mean(|s| s.z).max(cuts.last().map_or(f64::NEG_INFINITY, |cut| cut.z));
+            let color = DVec3::new(mean(|s| s.color.x), mean(|s| s.color.y), mean(|s| s.color.z));
+            let alpha = if before > 0.0 { 1.0 - (bare + covered) / before } else { 1.0 };
+            cuts.push(SpecifiedCut { z, alpha, color, id: first.id });
+        }
+        Some(cuts)
+    }
+
+    /// What each segment sends and lets through, and what rounding may do to the pixel:
+    /// - each opacity is right to 1e-4 of itself by recurrence and polynomial, and to what rounding does to r;
+    /// - a kernel whose outline runs through the pixel may be there or not;
+    /// - a share is right to 0.4 of what rounding does to depths over σ_z, and what is 4σ_z away counts as none;
+    /// - behind a transmittance of `spent` anything may be left out;
+    /// - sums and means of layers are right to 2e-5.
+    fn runs(&self, pixel: [usize; 2], cuts: &[SpecifiedCut]) -> (Vec<(DVec3, f64)>, f64) {
+        let center = DVec2::new(pixel[0] as f64, pixel[1] as f64) + 0.5;
+        let (cutoff, near) = (self.settings.cutoff, self.camera.near());
+        let mut runs = vec![(DVec3::ZERO, 1.0); cuts.len() + 1];
+        let mut bound = 2e-5;
+        for place in &self.volume_order {
+            let record = &self.volumes.records[*place];
+            if !contains(&self.volumes.rects[*place], pixel) {
+                continue;
+            }
+            if runs[0].1 < 1.05 * self.spent() {
+                bound += runs[0].1;
+                break;
+            }
+            let u = center - DVec2::from(record.mean.map(f64::from));
+            let Hit { r, z, sigma_z, scale, doubt } = hit(record, u);
+            let is_doubtful = (r - cutoff).abs() <= 4e-4 + doubt;
+            if r > cutoff && !is_doubtful {
+                continue;
+            }
+            let w = f64::from(record.amplitude) * (-0.5 * r).exp();
+            let (tau, is_doubtful) = match record.tag.kind {
+                Kind::Opacity => {
+                    // Where it falls below the tolerance it ends.
+                    let off = w / self.settings.tolerance - 1.0;
+                    let is_borderline = off.abs() <= 4e-4 + doubt;
+                    if off < 0.0 && !is_borderline {
+                        continue;
+                    }
+                    (-(-w).ln_1p(), is_doubtful || is_borderline)
+                }
+                _ if record.tag.form == Form::Exact => {
+                    (w * scale * self.lens.ray(center).length(), is_doubtful)
+                }
+                _ => (w, is_doubtful),
+            };
+            let color = DVec3::from(record.color.map(f64::from));
+            let of_share = if cuts.is_empty() && z - 5.0 * sigma_z > near {
+                0.0
+            } else {
+                (0.4 * 2e-6 * z.abs() / sigma_z.max(1e-20)).min(1.0) + 7e-5
+            };
+            let mut from = near;
+            for (segment, (sent, through)) in runs.iter_mut().enumerate() {
+                let to = cuts.get(segment).map_or(f64::INFINITY, |cut| cut.z);
+                let share =
+                    (phi((to - z) / sigma_z.max(1e-20)) - phi((from - z) / sigma_z.max(1e-20))).max(0.0);
+                let alpha = -(-tau * share).exp_m1();
+                bound += *through * (alpha * (1e-4 + doubt) + (tau * of_share).min(1.0));
+                if is_doubtful {
+                    bound += *through * alpha;
+                }
+                *sent += *through * alpha * color;
+                *through *= 1.0 - alpha;
+                from = to;
+            }
+        }
+        (runs, bound)
+    }
+}
+
+fn number(i: usize, k: f64) -> f32 {
+    let x = (i as f64 + 0.37) * k;
+    ((x - x.floor()) * 2.0 - 1.0) as f32
+}
+
+fn spot(i: usize) -> Vec3 {
+    Vec3::new(number(i, 0.754_877_67), number(i, 0.569_840_29), number(i, 0.437_016_02))
+}
+
+fn color(i: usize) -> [f32; 3] {
+    [0.127, 0.311, 0.233].map(|k| number(i, k) * 0.5 + 0.5)
+}
+
+fn cloud(centers: Vec<Vec3>, shapes: Shapes, strength: Strength) -> Cloud {
+    let colors = (0..centers.len()).map(color).collect();
+    let (harmonics, normals, material) = (None, None, Material::UNLIT);
+    Cloud::new(Splats { centers, shapes, strength, colors, harmonics, normals, material }).unwrap()
+}
+
+fn fog(mass: f32) -> Cloud {
+    let count = 400;
+    let strength = Strength::Extinction { masses: vec![mass; count] };
+    let factor = Mat3::from_diagonal(Vec3::new(0.12, 0.1, 0.14));
+    cloud((0..count).map(spot).collect(), Shapes::Shared(factor), strength)
+}
+
+fn trained() -> Cloud {
+    let count = 200;
+    let shape = |i| oblate_factor(spot(i + 3), 0.16 + 0.1 * number(i, 0.71), 1.0 + (i % 5) as f32);
+    let peaks = (0..count).map(|i| 0.5 + 0.49 * number(i, 0.618)).collect();
+    cloud(
+        (0..count).map(spot).collect(),
+        Shapes::Each((0..count).map(shape).collect()),
+        Strength::Opacity { peaks },
+    )
+}
+
+fn sheet(opacity: f32, degrees: f64, shift: f64) -> Cloud {
+    let (side, spacing) = (40, 0.06_f32);
+    let place = |i: usize| Vec3::new((i % side) as f32 - 19.5, (i / side) as f32 - 19.5, 0.0) * spacing;
+    let strength = Strength::Surface(Surface {
+        areas: vec![spacing * spacing; side * side],
+        opacities: Some(vec![opacity; side * side]),
+        depth_tolerance: 0.8 * spacing,
+        coverage_floor: 0.98,
+        closed: false,
+    });
+    let shape = Shapes::Shared(oblate_factor(Vec3::NEG_Z, 0.8 * spacing, f32::INFINITY));
+    let turned = DMat3::from_rotation_x(f64::to_radians(degrees));
+    cloud((0..side * side).map(place).collect(), shape, strength)
+        .transformed(DAffine3::from_mat3_translation(turned, DVec3::Z * shift))
+}
+
+#[test]
+fn pictures_are_what_is_specified() {
+    let pose = Pose::look_at(DVec3::new(1.2, 0.9, -4.0), DVec3::ZERO, DVec3::Y).unwrap();
+    let perspective = Camera::perspective(pose, 0.5, [45, 37]).unwrap();
+    let parallel = Camera::orthographic(pose, 2.2, [45, 37]).unwrap();
+    let fine = RenderSettings { tolerance: 1e-5, shade: false, ..RenderSettings::default() };
+    let usual = RenderSettings { tolerance: 1.0 / 255.0, background: [0.1, 0.2, 0.3, 1.0], ..fine };
+    let opaque = || sheet(1.0, 35.0, 0.2);
+    let two = || [sheet(0.5, -20.0, -0.4), opaque()];
+    let [affine, exact] = [FootprintForm::Affine, FootprintForm::Exact];
+    let with = |cloud: Cloud, sheets: &[Cloud]| [&[cloud], sheets].concat();
+    let mut cases: Vec<(&str, Vec<Cloud>, Camera, RenderSettings)> = Vec::new();
+    for footprint in [affine, exact] {
+        let (fine, usual) = (RenderSettings { footprint, ..fine }, RenderSettings { footprint, ..usual });
+        cases.extend([
+            ("fog", vec![fog(0.01)], perspective, fine),
+            ("thick fog", vec![fog(1.0)], perspective, fine),
+            ("thinnest fog", vec![fog(1e-9)], perspective, fine),
+            ("fog at the near plane", vec![fog(0.01)], perspective.with_near(4.2).unwrap(), fine),
+            ("fog, parallel", vec![fog(0.01)], parallel, fine),
+            ("fog without a filter", vec![fog(0.01)], perspective, RenderSettings { low_pass: 0.0, ..fine }),
+            ("trained", vec![trained()], perspective, usual),
+            (
+                "trained without a filter",
+                vec![trained()],
+                perspective,
+                RenderSettings { low_pass: 0.0, ..usual },
+            ),
+            ("trained at the near plane", vec![trained()], perspective.with_near(4.2).unwrap(), usual),
+            ("a sheet", vec![opaque()], perspective, usual),
+            ("two sheets", two().to_vec(), perspective, usual),
+            ("fog with a sheet", with(fog(0.02), &[opaque()]), perspective, fine),
+            ("fog with two sheets", with(fog(0.02), &two()), perspective, fine),
+            ("fog with two sheets, parallel", with(fog(0.02), &two()), parallel, fine),
+            ("thick fog with two sheets", with(fog(1.0), &two()), perspective, fine),
+            ("trained with a sheet far behind", with(trained(), &[sheet(1.0, 0.0, 3.0)]), perspective, usual),
+            ("trained with two sheets", with(trained(), &two()), perspective, usual),
+        ]);
+    }
+    let mut failures = Vec::new();
+    for (name, clouds, camera, settings) in &cases {
+        let scene = Scene { clouds: clouds.clone(), lights: Vec::new() };
+        for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
+            let report = compare(&scene, camera, settings, level);
+            println!("{name}, {:?}, {level:?}: {}", settings.footprint, report.summary);
+            if let Some(failure) = report.failure {
+                failures.push(format!("{name}, {:?}, {level:?}: {failure}", settings.footprint));
+            }
+        }
+    }
+    assert!(failures.is_empty(), "{failures:#?}");
+}
+
+struct Report {
+    summary: String,
+    failure: Option<String>,
+}
+
+fn compare(scene: &Scene, camera: &Camera, settings: &RenderSettings, level: Level) -> Report {
+    let mut renderer = Renderer::with(level, 16);
+    renderer.render(scene, camera, settings, &()).unwrap();
+    // The renderer's own keys are spent by sorting.
+    let mut volumes = Records::default();
+    let view = SceneView { scene, camera, settings, shaders: &renderer.shaders, level };
+    volumes.project(&view, &renderer.visible[1]);
+    let records = [&renderer.surfaces.records, &volumes];
+    let specification = Specification::new(records, (camera, settings), &renderer.depth_tolerances);
+    let frame = &renderer.frame;
+    let (mut worst, mut share, mut seen, mut doubtful) = (0.0_f64, 0.0_f64, 0, 0);
+    let (mut failure, mut failed) = (None, 0);
+    for place in 0..frame.width * frame.height {
+        let pixel = [place % frame.width, place / frame.width];
+        let Some(expected) = specification.pixel(pixel) else {
+            doubtful += 1;
+            continue;
+        };
+        seen += usize::from(expected.color[3] > 0.0);
+        let found = frame.color[place].map(f64::from);
+        let error = (0..4).map(|i| (found[i] - expected.color[i]).abs()).fold(0.0, f64::max);
+        (worst, share) = (worst.max(error), share.max(error / expected.bound));
+        let (depth, id) = expected.cuts.first().map_or((f64::INFINITY, Frame::NO_ID), |cut| (cut.z, cut.id));
+        let depth_found = f64::from(frame.depth[place]);
+        let is_depth_off = depth != depth_found && (depth - depth_found).abs() > 1e-5 * depth;
+        if error > expected.bound || is_depth_off {
+            failed += 1;
+            failure.get_or_insert_with(|| {
+                let Pixel { color, bound, .. } = &expected;
+                format!("pixel {pixel:?} is {found:?}, z {depth_found}, not {color:?}, z {depth}, id {id}; bound {bound:.1e}")
+            });
+        }
+    }
+    if doubtful > frame.color.len() / 20 || seen < 100 {
+        failure.get_or_insert(format!("{doubtful} pixels doubtful, {seen} seen"));
+    }
+    let summary =
+        format!("largest error {worst:.1e}, {share:.2} of its bound; {doubtful} doubtful, {failed} wrong");
+    Report { summary, failure }
+}
