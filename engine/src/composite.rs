@@ -5,7 +5,7 @@
 
 use crate::columns::{LANES, Lanes};
 use crate::footprint::{Form, Kind, Lens, Record, Rect};
-use crate::layers::Cuts;
+use crate::layers::{BlockCuts, Cuts};
 use crate::raster::{ExactRows, Recurrence, StripRows, ray_lengths};
 use crate::simd::*;
 use crate::tile::{BLOCK_ROWS, Cell, MAX_SIDE, Tile};
@@ -111,6 +111,8 @@ pub(crate) struct Compositor<'a> {
     pub(crate) spent: f32,
     /// e^{−ρ/2} at the cut-off ρ.
     pub(crate) least_weight: f32,
+    /// Whether the mean depth of what is seen is asked for.
+    pub(crate) keeps_depth: bool,
     /// `Opacity` kernels end where they fall below this.
     pub(crate) least_alpha: f32,
 }
@@ -183,11 +185,50 @@ impl Alpha {
     }
 }
 
+/// Where a record is among the cuts of a block.
+enum Place {
+    /// Behind what is opaque.
+    Hidden,
+    /// Before all cuts.
+    FirstRun,
+    /// It may be shared out between so many runs.
+    Between(usize),
+}
+
+/// How far a record reaches along z from its centre, anywhere in the picture: to the end of its ellipsoid, and
+/// [`REACH`] σ_z.
+#[inline(always)]
+fn reach(record: &Record) -> f32 {
+    // Σ_zz is σ_z² and what the slope of the depth adds over the footprint, |M⁻ᵀ slope|².
+    let [a, b, c] = record.conic_root;
+    let x = record.depth_slope[0] / a;
+    let y = (record.depth_slope[1] - b * x) / c;
+    3.5 * (x * x + y * y).sqrt() + 1.25 * REACH * record.sigma_z
+}
+
+/// Within which depths a record lies in the pixels of a block.
+#[inline(always)]
+fn depth_range(part: &Strip) -> [f32; 2] {
+    let record = part.record;
+    let (depth, reach) = if record.tag.form == Form::Exact {
+        (record.depth, reach(record))
+    } else {
+        let middle = [
+            (part.tile.origin[0] + part.strip * 8 + 4) as f32 - record.mean[0],
+            (part.tile.origin[1] + part.rows.start / BLOCK_ROWS * BLOCK_ROWS + 4) as f32 - record.mean[1],
+        ];
+        let [x, y] = record.depth_slope;
+        let depth = record.depth + x * middle[0] + y * middle[1];
+        (depth, 3.5 * (x.abs() + y.abs()) + REACH * record.sigma_z)
+    };
+    [depth - reach, depth + reach]
+}
+
 impl Compositor<'_> {
     /// Clears the runs and adds the records of a tile's list, which come from near to far. Gives the number of
     /// pixels that were evaluated.
     #[inline(always)]
-    pub(crate) fn add<S: Simd, const DEPTH: bool>(
+    pub(crate) fn add<S: Simd>(
         &self,
         simd: S,
         (tile, list): (Tile, &[AtomicU32]),
@@ -208,7 +249,7 @@ impl Compositor<'_> {
                 *copy = (self.records[index], self.rects[index]);
             }
             for (record, rect) in &batch[..list.len()] {
-                lanes += self.add_record::<S, DEPTH>(simd, (tile, record, rect), (cuts, &open), runs);
+                lanes += self.add_record(simd, (tile, record, rect), (cuts, &open), runs);
             }
         }
         lanes as u64
@@ -216,7 +257,7 @@ impl Compositor<'_> {
 
     /// Adds a record to the runs of a tile; gives the number of pixels that were evaluated.
     #[inline(always)]
-    fn add_record<S: Simd, const DEPTH: bool>(
+    fn add_record<S: Simd>(
         &self,
         simd: S,
         (tile, record, rect): (Tile, &Record, &Rect),
@@ -224,7 +265,7 @@ impl Compositor<'_> {
         runs: &mut Runs,
     ) -> usize {
         let mut lanes = 0;
-        let nearest = self.nearest(record, tile);
+        let nearest = record.depth - reach(record);
         if cuts.hide(nearest) {
             return 0;
         }
@@ -232,95 +273,52 @@ impl Compositor<'_> {
         let is_whole = cuts.is_empty() && nearest > self.near;
         let alpha = Alpha::new(record);
         for (strip, rows) in StripRows::new(simd, record, rect, tile, self.cutoff).into_iter() {
-            let rows = rows.start.max(open.0[strip].start)..rows.end.min(open.0[strip].end);
-            if rows.is_empty() {
-                continue;
-            }
-            lanes += 8 * rows.len();
-            let strip = Strip { record, tile, strip, rows };
-            if is_whole {
-                self.plain::<S, DEPTH>(simd, &strip, alpha, &mut runs.segments[0]);
-            } else {
-                self.between_cuts::<S, DEPTH>(simd, strip, (alpha, cuts), runs);
+            let open = &open.0[strip];
+            let mut rows = rows.start.max(open.start)..rows.end.min(open.end);
+            while rows.start < rows.end {
+                let block = rows.start / BLOCK_ROWS;
+                let end = if is_whole { rows.end } else { rows.end.min((block + 1) * BLOCK_ROWS) };
+                let part = Strip { record, tile, strip, rows: rows.start..end };
+                rows.start = end;
+                lanes += 8 * part.rows.len();
+                let place = if is_whole {
+                    Place::FirstRun
+                } else {
+                    self.place(&part, cuts.block(tile, strip, block))
+                };
+                match place {
+                    Place::Hidden => {}
+                    Place::FirstRun => self.plain(simd, &part, alpha, &mut runs.segments[0]),
+                    Place::Between(segments) => self.shared(simd, &part, (cuts, segments), runs),
+                }
             }
         }
         lanes
     }
 
-    /// The record lies behind this depth in the whole tile, to [`REACH`] σ_z.
+    /// Where a record is in the pixels of a block.
     #[inline(always)]
-    fn nearest(&self, record: &Record, tile: Tile) -> f32 {
-        if record.tag.form == Form::Exact {
-            // Its depth is no linear function; there are few such records.
-            return f32::NEG_INFINITY;
+    fn place(&self, part: &Strip, cuts: BlockCuts) -> Place {
+        let [nearest, farthest] = depth_range(part);
+        if nearest > cuts.hidden {
+            Place::Hidden
+        } else if farthest < cuts.nearest && nearest > self.near {
+            Place::FirstRun
+        } else {
+            Place::Between(cuts.segments)
         }
-        let rises = [0, 1].each(
-            #[inline(always)]
-            |axis| {
-                let first = tile.origin[axis] as f32 - record.mean[axis];
-                let slope = record.depth_slope[axis];
-                (slope * first).min(slope * (first + tile.side as f32))
-            },
-        );
-        record.depth + rises[0] + rises[1] - REACH * record.sigma_z
-    }
-
-    /// Block by block: a record before a block's cuts adds to the first run, one behind what is opaque to none.
-    #[inline(always)]
-    fn between_cuts<S: Simd, const DEPTH: bool>(
-        &self,
-        simd: S,
-        whole: Strip,
-        (alpha, cuts): (Alpha, &Cuts),
-        runs: &mut Runs,
-    ) {
-        let Strip { record, tile, strip, rows } = whole;
-        let mut start = rows.start;
-        while start < rows.end {
-            let block = start / BLOCK_ROWS;
-            let end = rows.end.min((block + 1) * BLOCK_ROWS);
-            let part = Strip { record, tile, strip, rows: start..end };
-            start = end;
-            let [nearest, farthest] = self.depth_range(&part);
-            let bounds = cuts.block(tile, strip, block);
-            if nearest > bounds.hidden {
-                continue;
-            }
-            if farthest < bounds.nearest && nearest > self.near {
-                self.plain::<S, DEPTH>(simd, &part, alpha, &mut runs.segments[0]);
-            } else {
-                self.shared::<S, DEPTH>(simd, &part, (cuts, bounds.segments), runs);
-            }
-        }
-    }
-
-    /// Within which depths the record lies in the pixels of a block, to ±[`REACH`] σ_z.
-    #[inline(always)]
-    fn depth_range(&self, part: &Strip) -> [f32; 2] {
-        let record = part.record;
-        if record.tag.form == Form::Exact {
-            return [f32::NEG_INFINITY, f32::INFINITY];
-        }
-        let middle = [
-            (part.tile.origin[0] + part.strip * 8 + 4) as f32 - record.mean[0],
-            (part.tile.origin[1] + part.rows.start / BLOCK_ROWS * BLOCK_ROWS + 4) as f32 - record.mean[1],
-        ];
-        let [x, y] = record.depth_slope;
-        let depth = record.depth + x * middle[0] + y * middle[1];
-        let reach = 3.5 * (x.abs() + y.abs()) + REACH * record.sigma_z;
-        [depth - reach, depth + reach]
     }
 
     /// Adds a record to one run.
     #[inline(always)]
-    fn plain<S: Simd, const DEPTH: bool>(&self, simd: S, strip: &Strip, alpha: Alpha, cells: &mut [Cell]) {
+    fn plain<S: Simd>(&self, simd: S, strip: &Strip, alpha: Alpha, cells: &mut [Cell]) {
         if strip.record.tag.form == Form::Exact || self.lens.low_pass.powi(2) < RECURRENCE_LOW_PASS {
-            return self.rows::<S, DEPTH>(simd, strip, cells);
+            return self.rows(simd, strip, cells);
         }
         // w² and so on; a loop of fixed length for each kind.
         match alpha {
             Alpha::Peak(peak) => {
-                self.recurrence::<S, DEPTH>(
+                self.recurrence(
                     simd,
                     strip,
                     cells,
@@ -333,7 +331,7 @@ impl Compositor<'_> {
                     #[inline(always)]
                     |x| splat(simd, x),
                 );
-                self.recurrence::<S, DEPTH>(
+                self.recurrence(
                     simd,
                     strip,
                     cells,
@@ -346,7 +344,7 @@ impl Compositor<'_> {
                     #[inline(always)]
                     |x| splat(simd, x),
                 );
-                self.recurrence::<S, DEPTH>(
+                self.recurrence(
                     simd,
                     strip,
                     cells,
@@ -355,7 +353,7 @@ impl Compositor<'_> {
                 );
             }
             Alpha::Thick(peak) => {
-                self.recurrence::<S, DEPTH>(
+                self.recurrence(
                     simd,
                     strip,
                     cells,
@@ -367,13 +365,7 @@ impl Compositor<'_> {
     }
 
     #[inline(always)]
-    fn recurrence<S: Simd, const DEPTH: bool>(
-        &self,
-        simd: S,
-        strip: &Strip,
-        cells: &mut [Cell],
-        alpha: impl Fn(V<S>) -> V<S>,
-    ) {
+    fn recurrence<S: Simd>(&self, simd: S, strip: &Strip, cells: &mut [Cell], alpha: impl Fn(V<S>) -> V<S>) {
         let record = strip.record;
         let least = match record.tag.kind {
             Kind::Opacity => self.least_alpha / record.amplitude,
@@ -390,80 +382,69 @@ impl Compositor<'_> {
             v += cells.len() as f32;
             for cell in cells {
                 let kept = keep(simd, w.value.simd_ge(threshold), w.value);
-                blend::<S, DEPTH>(simd, cell, alpha(kept), (color, depth));
+                blend(simd, cell, alpha(kept), (color, self.keeps_depth.then_some(depth)));
                 w.step();
-                if DEPTH {
-                    depth += slope_y;
-                }
+                depth += slope_y;
             }
         }
     }
 
     /// As [`Self::recurrence`], for any form.
     #[inline(always)]
-    fn rows<S: Simd, const DEPTH: bool>(&self, simd: S, strip: &Strip, cells: &mut [Cell]) {
+    fn rows<S: Simd>(&self, simd: S, strip: &Strip, cells: &mut [Cell]) {
         let color = splat3(simd, strip.record.color);
-        let formula = self.formula(simd, strip);
         for (row, cell) in cells[strip.cells()].iter_mut().enumerate() {
-            let [strength, depth, _] = formula(row as f32);
+            let [strength, depth, _] = self.row(simd, strip, row);
             let alpha = match strip.record.tag.kind {
                 Kind::Opacity => strength,
                 _ => opacity(simd, strength),
             };
-            blend::<S, DEPTH>(simd, cell, alpha, (color, depth));
+            blend(simd, cell, alpha, (color, self.keeps_depth.then_some(depth)));
         }
     }
 
     /// A record's strength (optical depth, or opacity), z and σ_z in a row of a strip.
     #[inline(always)]
-    fn formula<'a, S: Simd>(&'a self, simd: S, strip: &'a Strip) -> impl Fn(f32) -> [V<S>; 3] + 'a {
+    fn row<S: Simd>(&self, simd: S, strip: &Strip, number: usize) -> [V<S>; 3] {
         let record = strip.record;
-        let rows = ExactRows::new(record);
         let (u, v) = strip.offsets(simd);
-        let is_optical_depth = record.tag.kind == Kind::Extinction && record.tag.form == Form::Exact;
-        #[inline(always)]
-        move |number| {
-            let row = rows.row(simd, record, u, v + number);
-            let w = exp(simd, row.r * -0.5) * record.amplitude;
-            let w = keep(simd, row.r.simd_le(splat(simd, self.cutoff)), w);
-            let strength = if is_optical_depth {
-                let length = ray_lengths(simd, &self.lens, u + record.mean[0], v + number + record.mean[1]);
-                w * row.scale * length
-            } else {
-                w
-            };
-            [strength, row.depth, row.sigma_z]
+        let v = v + number as f32;
+        let row = ExactRows::new(record).row(simd, record, u, v);
+        let w = exp(simd, row.r * -0.5) * record.amplitude;
+        let mut strength = keep(simd, row.r.simd_le(splat(simd, self.cutoff)), w);
+        if record.tag.kind == Kind::Opacity {
+            strength = keep(simd, strength.simd_ge(splat(simd, self.least_alpha)), strength);
+        } else if record.tag.form == Form::Exact {
+            strength *= row.scale * ray_lengths(simd, &self.lens, u + record.mean[0], v + record.mean[1]);
         }
+        [strength, row.depth, row.sigma_z]
     }
 
     /// Shares a record out between the runs of a block:
     /// share_j = Φ((z_{j+1} − z)/σ_z) − Φ((z_j − z)/σ_z).
     #[inline(always)]
-    fn shared<S: Simd, const DEPTH: bool>(
-        &self,
-        simd: S,
-        part: &Strip,
-        (cuts, segments): (&Cuts, usize),
-        runs: &mut Runs,
-    ) {
+    fn shared<S: Simd>(&self, simd: S, part: &Strip, (cuts, segments): (&Cuts, usize), runs: &mut Runs) {
         let color = splat3(simd, part.record.color);
-        let formula = self.formula(simd, part);
         for (row, cell) in part.cells().enumerate() {
-            let [strength, depth, sigma_z] = formula(row as f32);
+            let [strength, depth, sigma_z] = self.row(simd, part, row);
             let tau = match part.record.tag.kind {
                 Kind::Opacity => optical_depth(simd, strength),
                 _ => strength,
             };
             let inverse = splat(simd, 1.0) / sigma_z.max(splat(simd, 1e-20));
-            let before = |z: V<S>| normal_cdf(simd, (z - depth) * inverse);
             let mut from = splat(simd, self.near);
-            let mut before_from = before(from);
+            let mut before_from = normal_cdf(simd, (from - depth) * inverse);
             for (segment, cells) in runs.segments[..segments].iter_mut().enumerate() {
                 let to = V::simd_from(simd, cuts.depth(segment, cell));
-                let before_to = before(to);
+                let before_to = normal_cdf(simd, (to - depth) * inverse);
                 let share = (before_to - before_from).max(splat(simd, 0.0));
                 let alpha = opacity(simd, tau * share);
-                blend::<S, DEPTH>(simd, &mut cells[cell], alpha, (color, depth.max(from).min(to)));
+                blend(
+                    simd,
+                    &mut cells[cell],
+                    alpha,
+                    (color, self.keeps_depth.then_some(depth.max(from).min(to))),
+                );
                 (from, before_from) = (to, before_to);
             }
         }
@@ -472,18 +453,14 @@ impl Compositor<'_> {
 
 /// (C, T)∘(C', T') = (C + T·C', T·T').
 #[inline(always)]
-fn blend<S: Simd, const DEPTH: bool>(simd: S, cell: &mut Cell, alpha: V<S>, (color, depth): (V3<S>, V<S>)) {
+fn blend<S: Simd>(simd: S, cell: &mut Cell, alpha: V<S>, (color, depth): (V3<S>, Option<V<S>>)) {
     let opacity = V::simd_from(simd, cell.opacity);
     let seen = (splat(simd, 1.0) - opacity) * alpha;
-    let store = |lanes: &mut Lanes, value: V<S>| {
-        *lanes = value.mul_add(seen, V::simd_from(simd, *lanes)).into();
-    };
     cell.opacity = (opacity + seen).into();
-    let [red, green, blue] = &mut cell.color;
-    store(red, color[0]);
-    store(green, color[1]);
-    store(blue, color[2]);
-    if DEPTH {
-        store(&mut cell.depth, depth);
+    for (lanes, color) in cell.color.iter_mut().zip(color) {
+        add_product(simd, lanes, color, seen);
+    }
+    if let Some(depth) = depth {
+        add_product(simd, &mut cell.depth, depth, seen);
     }
 }

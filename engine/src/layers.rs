@@ -12,8 +12,8 @@
 use crate::cloud::Cloud;
 use crate::columns::{Kind, LANES, Lanes};
 use crate::composite::Cut;
-use crate::footprint::{Form, SurfaceSample};
-use crate::raster::SurfelRaster;
+use crate::footprint::SurfaceSample;
+use crate::raster::{Sample, SurfelRaster};
 use crate::simd::*;
 use crate::tile::{BLOCK_ROWS, MAX_SIDE, Tile};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -52,6 +52,16 @@ struct Sums {
 struct Side {
     weight: Lanes,
     normal: [Lanes; 3],
+}
+
+impl Side {
+    #[inline(always)]
+    fn add<S: Simd>(&mut self, simd: S, normal: V3<S>, weight: V<S>) {
+        self.weight = (V::simd_from(simd, self.weight) + weight).into();
+        for (lanes, normal) in self.normal.iter_mut().zip(normal) {
+            add_product(simd, lanes, normal, weight);
+        }
+    }
 }
 
 impl Sums {
@@ -256,22 +266,16 @@ impl LayerBuilder<'_> {
         begin(tile, buffers);
         let mut lanes = 0;
         for layer in 0..MAX_LAYERS {
-            lanes += if layer == 0 {
-                self.find_first::<S, false>(simd, (tile, list), buffers)
-            } else {
-                self.find_first::<S, true>(simd, (tile, list), buffers)
-            };
+            lanes += self.find_first(simd, (tile, list), buffers);
             if buffers.candidates.is_empty() {
                 break;
             }
-            let last = layer + 1 == MAX_LAYERS;
+            if layer + 1 == MAX_LAYERS {
+                take_the_rest(simd, tile, &mut buffers.firsts);
+            }
             buffers.sums.clear();
             buffers.sums.resize(cells, Sums::ZERO);
-            lanes += if layer == 0 {
-                self.sum_up::<S, false>(simd, tile, buffers, last)
-            } else {
-                self.sum_up::<S, true>(simd, tile, buffers, last)
-            };
+            lanes += self.sum_up(simd, tile, buffers);
             cuts.cuts[layer].clear();
             cuts.cuts[layer].resize(cells, Cut::NONE);
             cuts.layers = layer + 1;
@@ -285,7 +289,7 @@ impl LayerBuilder<'_> {
 
     /// Finds the first sample of each pixel behind the layers so far, and the records that may belong to its layer.
     #[inline(always)]
-    fn find_first<S: Simd, const PEELING: bool>(
+    fn find_first<S: Simd>(
         &self,
         simd: S,
         (tile, list): (Tile, &[AtomicU32]),
@@ -293,120 +297,86 @@ impl LayerBuilder<'_> {
     ) -> u64 {
         let LayerBuffers { firsts, farthest, candidates, .. } = buffers;
         candidates.clear();
-        find_farthest(simd, tile, firsts, farthest);
         let mut lanes = 0;
-        for (number, entry) in list.iter().enumerate() {
-            if number % RECORDS_A_CHECK == RECORDS_A_CHECK - 1 {
-                find_farthest(simd, tile, firsts, farthest);
-            }
-            let index = entry.load(Ordering::Relaxed);
-            let surfel = self.raster.surfel(index);
-            let tolerance = self.depth_tolerances[surfel.record.tag.cloud as usize];
-            let mut needed = false;
-            for part in surfel.parts(simd, tile) {
-                if surfel.nearest(&part) > farthest[part.block] {
-                    continue;
-                }
-                needed = true;
-                lanes += 8 * part.cells.len();
-                let raster = &self.raster;
-                let firsts = &mut firsts[part.cells.clone()];
-                raster.draw(
+        for list in list.chunks(RECORDS_A_CHECK) {
+            find_farthest(simd, tile, firsts, farthest);
+            for entry in list {
+                let index = entry.load(Ordering::Relaxed);
+                let surfel = self.raster.surfel(index);
+                let tolerance = self.depth_tolerances[surfel.record.tag.cloud as usize];
+                let own_index = u32x8::simd_from(simd, index);
+                let drawn = surfel.draw(
                     simd,
-                    &surfel,
-                    &part,
+                    tile,
+                    farthest,
                     #[inline(always)]
-                    |row, sample| {
-                        let first = &mut firsts[row];
-                        let mut inside = sample.inside;
-                        if PEELING {
-                            inside &= sample.nearest().simd_gt(V::simd_from(simd, first.previous));
-                        }
+                    |cell, sample: Sample<S>| {
+                        let first = &mut firsts[cell];
+                        let unseen = sample.nearest().simd_gt(V::simd_from(simd, first.previous));
                         let depth = V::simd_from(simd, first.depth);
-                        let nearer = inside & sample.depth.simd_lt(depth);
+                        let nearer = sample.inside & unseen & sample.depth.simd_lt(depth);
                         let limit = sample.farthest() + tolerance;
                         let record = u32x8::simd_from(simd, first.record);
                         first.depth = nearer.select(sample.depth, depth).into();
                         first.limit = nearer.select(limit, V::simd_from(simd, first.limit)).into();
-                        first.record = nearer.select(u32x8::simd_from(simd, index), record).into();
+                        first.record = nearer.select(own_index, record).into();
                     },
                 );
-            }
-            if needed {
-                candidates.push(index);
+                lanes += drawn;
+                if drawn > 0 {
+                    candidates.push(index);
+                }
             }
         }
-        find_farthest(simd, tile, firsts, farthest);
-        lanes as u64
+        lanes
     }
 
     /// Sums up the samples that belong to the layer.
     #[inline(always)]
-    fn sum_up<S: Simd, const PEELING: bool>(
-        &self,
-        simd: S,
-        tile: Tile,
-        buffers: &mut LayerBuffers,
-        last: bool,
-    ) -> u64 {
+    fn sum_up<S: Simd>(&self, simd: S, tile: Tile, buffers: &mut LayerBuffers) -> u64 {
         let LayerBuffers { firsts, sums, farthest, candidates, .. } = buffers;
+        find_farthest(simd, tile, firsts, farthest);
         let mut lanes = 0;
         for index in candidates.iter() {
             let surfel = self.raster.surfel(*index);
-            let sample_of = &self.samples[*index as usize];
-            let (color, normal) = (splat3(simd, surfel.record.color), splat3(simd, sample_of.normal));
-            for part in surfel.parts(simd, tile) {
-                if !last && surfel.nearest(&part) > farthest[part.block] {
-                    continue;
-                }
-                lanes += 8 * part.cells.len();
-                let (firsts, sums) = (&firsts[part.cells.clone()], &mut sums[part.cells.clone()]);
-                self.raster.draw(
-                    simd,
-                    &surfel,
-                    &part,
-                    #[inline(always)]
-                    |row, sample| {
-                        let (first, sums) = (&firsts[row], &mut sums[row]);
-                        let nearest = sample.nearest();
-                        let mut inside = sample.inside;
-                        if PEELING {
-                            inside &= nearest.simd_gt(V::simd_from(simd, first.previous));
-                        }
-                        if last {
-                            inside &= V::simd_from(simd, first.depth).simd_gt(splat(simd, f32::NEG_INFINITY));
-                        } else {
-                            inside &= nearest.simd_le(V::simd_from(simd, first.limit));
-                        }
-                        let weight = keep(simd, inside, sample.weight(simd));
-                        let add = |lanes: &mut Lanes, value: V<S>| {
-                            *lanes = value.mul_add(weight, V::simd_from(simd, *lanes)).into();
-                        };
-                        add(&mut sums.depth, sample.depth - V::simd_from(simd, first.depth));
-                        add(&mut sums.opacity, splat(simd, sample_of.opacity));
-                        for channel in 0..3 {
-                            add(&mut sums.color[channel], color[channel]);
-                        }
-                        let mut add_side = |side: usize, weight: V<S>| {
-                            let Side { weight: sum, normal: normals } = &mut sums.sides[side];
-                            *sum = V::into(V::simd_from(simd, *sum) + weight);
-                            for axis in 0..3 {
-                                let sum = V::simd_from(simd, normals[axis]);
-                                normals[axis] = normal[axis].mul_add(weight, sum).into();
-                            }
-                        };
-                        if surfel.record.tag.form == Form::Exact {
-                            let back = keep(simd, sample.faces_away, weight);
-                            add_side(0, weight - back);
-                            add_side(1, back);
-                        } else {
-                            add_side(usize::from(surfel.record.amplitude > 0.0), weight);
-                        }
-                    },
-                );
-            }
+            let SurfaceSample { normal, opacity, .. } = self.samples[*index as usize];
+            let (color, normal) = (splat3(simd, surfel.record.color), splat3(simd, normal));
+            let opacity = splat(simd, opacity);
+            lanes += surfel.draw(
+                simd,
+                tile,
+                farthest,
+                #[inline(always)]
+                |cell, sample: Sample<S>| {
+                    let (first, sums) = (&firsts[cell], &mut sums[cell]);
+                    let nearest = sample.nearest();
+                    let inside = sample.inside
+                        & nearest.simd_gt(V::simd_from(simd, first.previous))
+                        & nearest.simd_le(V::simd_from(simd, first.limit));
+                    let weight = keep(simd, inside, sample.weight(simd));
+                    add_product(
+                        simd,
+                        &mut sums.depth,
+                        sample.depth - V::simd_from(simd, first.depth),
+                        weight,
+                    );
+                    add_product(simd, &mut sums.opacity, opacity, weight);
+                    for (lanes, color) in sums.color.iter_mut().zip(color) {
+                        add_product(simd, lanes, color, weight);
+                    }
+                    // In the affine form a splat shows one side.
+                    let back = keep(simd, sample.faces_away, weight);
+                    let [front_side, back_side] = &mut sums.sides;
+                    if surfel.shows_front() {
+                        front_side.add(simd, normal, weight - back);
+                    }
+                    if surfel.shows_back() {
+                        back_side.add(simd, normal, back);
+                    }
+                },
+            );
         }
-        lanes as u64
+        lanes
     }
 
     /// Turns the sums into cuts and makes ready for the next layer; says whether one is needed.
@@ -508,6 +478,17 @@ fn begin(tile: Tile, buffers: &mut LayerBuffers) {
             first.limit[..columns].fill(f32::INFINITY);
             first.previous[..columns].fill(f32::NEG_INFINITY);
         }
+    }
+}
+
+/// Lets the layer take every sample that is left in the pixels that it looks at.
+#[inline(always)]
+fn take_the_rest<S: Simd>(simd: S, tile: Tile, firsts: &mut [First]) {
+    let infinity = splat(simd, f32::INFINITY);
+    for first in (0..tile.strips()).flat_map(|strip| tile.strip(strip)).map(|cell| cell) {
+        let first = &mut firsts[first];
+        let wanted = V::simd_from(simd, first.depth).simd_gt(-infinity);
+        first.limit = wanted.select(infinity, -infinity).into();
     }
 }
 

@@ -13,7 +13,7 @@ use crate::raster::SurfelRaster;
 use crate::resolve::Resolver;
 use crate::scene::{RenderSettings, Scene};
 use crate::shade::Shader;
-use crate::simd::{Level, Simd, dispatch};
+use crate::simd::{Level, dispatch};
 use crate::tile::Tile;
 use crate::validate::SceneError;
 use rayon::prelude::*;
@@ -182,6 +182,7 @@ impl Renderer {
                 near,
                 spent,
                 least_weight: (-0.5 * cutoff).exp(),
+                keeps_depth: settings.channels == Channels::All,
                 least_alpha: settings.tolerance as f32,
             },
             resolver: Resolver {
@@ -192,8 +193,8 @@ impl Renderer {
                 lens,
                 camera_to_world: camera.pose().world_to_camera.matrix3.transpose(),
             },
-            channels: settings.channels,
             observer,
+            level: *level,
         };
         let _ = scene;
         self.frame.resize(picture, settings.channels);
@@ -211,7 +212,7 @@ impl Renderer {
                 let tile = Tile::new([index % columns, index / columns], *side, picture);
                 let lists = [surfaces.lists.tile(index), volumes.lists.tile(index)];
                 let band = &bands[index / columns];
-                let count = dispatch!(*level, simd => drawer.draw(simd, (tile, lists), &mut buffers, band));
+                let count = drawer.draw((tile, lists), &mut buffers, band);
                 fragments.fetch_add(count as usize, Relaxed);
             }
         });
@@ -249,7 +250,6 @@ impl Drawn {
     }
 }
 
-#[inline(always)]
 fn watched<T>(observer: &dyn Observer, stage: Stage, run: impl FnOnce() -> T) -> T {
     observer.begin(stage);
     let value = run();
@@ -268,48 +268,38 @@ struct TileDrawer<'a> {
     layers: LayerBuilder<'a>,
     compositor: Compositor<'a>,
     resolver: Resolver<'a>,
-    channels: Channels,
     observer: &'a dyn Observer,
+    level: Level,
 }
 
 impl TileDrawer<'_> {
     /// Draws a tile from its lists of surfaces and volumes; gives the number of pixels that were evaluated.
-    #[inline(always)]
-    fn draw<S: Simd>(
+    fn draw(
         &self,
-        simd: S,
         (tile, [surfaces, volumes]): (Tile, [&[AtomicU32]; 2]),
         buffers: &mut TileBuffers,
         band: &Mutex<FrameRows>,
     ) -> u64 {
+        let Self { layers: builder, compositor, resolver, observer, level } = self;
         let TileBuffers { layers, cuts, runs } = buffers;
         let mut count = watched(
-            self.observer,
+            *observer,
             Stage::Layers,
-            #[inline(always)]
-            || self.layers.build(simd, (tile, surfaces), layers, cuts),
+            || dispatch!(*level, simd => builder.build(simd, (tile, surfaces), layers, cuts)),
         );
-        if !volumes.is_empty() {
+        let has_runs = !volumes.is_empty();
+        if has_runs {
             count += watched(
-                self.observer,
+                *observer,
                 Stage::Composite,
-                #[inline(always)]
-                || match self.channels {
-                    Channels::Color => self.compositor.add::<S, false>(simd, (tile, volumes), cuts, runs),
-                    Channels::All => self.compositor.add::<S, true>(simd, (tile, volumes), cuts, runs),
-                },
+                || dispatch!(*level, simd => compositor.add(simd, (tile, volumes), cuts, runs)),
             );
         }
-        let runs = (!volumes.is_empty()).then_some(&*runs);
-        watched(
-            self.observer,
-            Stage::Resolve,
-            #[inline(always)]
-            || {
-                let mut rows = band.lock().unwrap_or_else(PoisonError::into_inner);
-                self.resolver.tile(simd, tile, (cuts, runs), &mut rows);
-            },
-        );
+        watched(*observer, Stage::Resolve, || {
+            let mut rows = band.lock().unwrap_or_else(PoisonError::into_inner);
+            let runs = has_runs.then_some(&*runs);
+            dispatch!(*level, simd => resolver.tile(simd, tile, (cuts, runs), &mut rows));
+        });
         count
     }
 }

@@ -147,6 +147,12 @@ pub(crate) fn keep<S: Simd>(simd: S, mask: M<S>, x: V<S>) -> V<S> {
     mask.select(x, splat(simd, 0.0))
 }
 
+/// Adds a · b to numbers in memory.
+#[inline(always)]
+pub(crate) fn add_product<S: Simd>(simd: S, lanes: &mut [f32; 8], a: V<S>, b: V<S>) {
+    *lanes = a.mul_add(b, V::simd_from(simd, *lanes)).into();
+}
+
 /// c₀ + x (c₁ + x (c₂ + …)).
 #[inline(always)]
 fn polynomial<S: Simd, const N: usize>(simd: S, x: V<S>, coefficients: [f32; N]) -> V<S> {

@@ -12,4 +12,4 @@ mod surfel;
 pub(crate) use ellipse::StripRows;
 pub(crate) use exact::{ExactRows, ray_lengths};
 pub(crate) use recurrence::Recurrence;
-pub(crate) use surfel::SurfelRaster;
+pub(crate) use surfel::{Sample, SurfelRaster};

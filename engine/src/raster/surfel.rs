@@ -5,7 +5,6 @@ use crate::camera::Projection;
 use crate::footprint::{Form, Lens, Record, Rect};
 use crate::simd::*;
 use crate::tile::{BLOCK_ROWS, Tile};
-use std::ops::Range;
 
 /// The steepest slope dz/dx that a surfel's plane is followed along: 88°.
 const STEEPEST: f32 = 30.0;
@@ -24,23 +23,14 @@ pub(crate) struct Surfel<'a> {
     pub(crate) record: &'a Record,
     rect: &'a Rect,
     cutoff: f32,
+    near: f32,
+    is_perspective: bool,
     /// Change of n·v a pixel, over n·v at the mean; 0 where the surfel is seen edge-on.
     tilt: [f32; 2],
     /// The plane is followed no further than this.
     farthest_offset: f32,
     /// d_z, or 1 where rays are parallel.
     zeta: f32,
-}
-
-/// Some rows of a strip within one block.
-pub(crate) struct Part {
-    /// The block: strip · blocks a strip + its number in the strip.
-    pub(crate) block: usize,
-    /// The cells of the tile.
-    pub(crate) cells: Range<usize>,
-    /// Centre of the block's first pixel and of the rows' first one, in pixels from the mean.
-    corner: [f32; 2],
-    top: f32,
 }
 
 /// A surface at eight pixels, seen by one splat.
@@ -86,7 +76,8 @@ impl SurfelRaster<'_> {
     #[inline(always)]
     pub(crate) fn surfel(&self, index: u32) -> Surfel<'_> {
         let (record, rect) = (&self.records[index as usize], &self.rects[index as usize]);
-        let zeta = if self.lens.projection == Projection::Perspective { record.depth } else { 1.0 };
+        let is_perspective = self.lens.projection == Projection::Perspective;
+        let zeta = if is_perspective { record.depth } else { 1.0 };
         let filter_reach = self.cutoff.sqrt() * (self.lens.low_pass / self.lens.focal.min_element()) as f32;
         let tilt = [0, 1].each(
             #[inline(always)]
@@ -99,79 +90,100 @@ impl SurfelRaster<'_> {
             record,
             rect,
             cutoff: self.cutoff,
+            near: self.near,
+            is_perspective,
             tilt,
             farthest_offset: STEEPEST * filter_reach * zeta.abs(),
             zeta,
         }
     }
+}
 
-    /// Calls `take` with each row of a part, from 0, and the samples there.
+impl Surfel<'_> {
+    /// Whether a sample can show the front, and the back: in the affine form only one.
+    #[inline(always)]
+    pub(crate) fn shows_front(&self) -> bool {
+        self.record.tag.form == Form::Exact || self.record.amplitude <= 0.0
+    }
+
+    #[inline(always)]
+    pub(crate) fn shows_back(&self) -> bool {
+        self.record.tag.form == Form::Exact || self.record.amplitude > 0.0
+    }
+
+    /// Calls `take` with each cell of a tile that the record meets and the samples there, where they are not
+    /// beyond the farthest depths that matter in the blocks. Gives the number of pixels.
     #[inline(always)]
     pub(crate) fn draw<S: Simd>(
         &self,
         simd: S,
-        surfel: &Surfel,
-        part: &Part,
+        tile: Tile,
+        farthest: &[f32],
         mut take: impl FnMut(usize, Sample<S>),
-    ) {
-        let record = surfel.record;
-        let u = lane_numbers(simd) + part.corner[0];
-        if record.tag.form == Form::Exact {
-            let rows = ExactRows::new(record);
-            for row in 0..part.cells.len() {
-                take(row, self.exact_sample(simd, surfel, rows, [u, splat(simd, part.top + row as f32)]));
+    ) -> u64 {
+        let record = self.record;
+        let blocks = tile.side / BLOCK_ROWS;
+        let mut rows_drawn = 0;
+        for (strip, rows) in StripRows::new(simd, record, self.rect, tile, self.cutoff).into_iter() {
+            let x = (tile.origin[0] + strip * 8) as f32 + 0.5 - record.mean[0];
+            let top = tile.origin[1] as f32 + 0.5 - record.mean[1];
+            let u = lane_numbers(simd) + x;
+            for block in rows.start / BLOCK_ROWS..rows.end.div_ceil(BLOCK_ROWS) {
+                let first = block * BLOCK_ROWS;
+                if self.nearest([x, top + first as f32]) > farthest[strip * blocks + block] {
+                    continue;
+                }
+                let rows = rows.start.max(first)..rows.end.min(first + BLOCK_ROWS);
+                rows_drawn += rows.len() as u64;
+                for row in rows {
+                    let v = top + row as f32;
+                    let sample = if record.tag.form == Form::Exact {
+                        self.exact_sample(simd, u, v)
+                    } else {
+                        self.affine_sample(simd, u, v)
+                    };
+                    take(strip * tile.side + row, sample);
+                }
             }
-            return;
         }
+        8 * rows_drawn
+    }
+
+    #[inline(always)]
+    fn affine_sample<S: Simd>(&self, simd: S, u: V<S>, v: f32) -> Sample<S> {
+        let record = self.record;
         let [a, b, c] = record.conic_root;
         let [slope_x, slope_y] = record.depth_slope;
-        let [tilt_x, tilt_y] = surfel.tilt;
-        let limit = splat(simd, surfel.farthest_offset);
-        let rise = splat(simd, -surfel.zeta);
-        let is_perspective = self.lens.projection == Projection::Perspective;
-        let faces_away = splat(simd, record.amplitude).simd_gt(splat(simd, 0.0));
-        let (reach, peak) = (splat(simd, 3.0 * record.sigma_z), splat(simd, record.amplitude.abs()));
-        for row in 0..part.cells.len() {
-            let v = part.top + row as f32;
-            let along = u.mul_add(splat(simd, a), splat(simd, b * v));
-            let r = along.mul_add(along, splat(simd, c * v * c * v));
-            let depth = u.mul_add(splat(simd, slope_x), splat(simd, record.depth + slope_y * v));
-            let change = u.mul_add(splat(simd, tilt_x), splat(simd, tilt_y * v));
-            let change = if is_perspective { change / (change + 1.0) } else { change };
-            let offset = change.mul_add(rise, splat(simd, record.depth) - depth);
-            let inside = r.simd_le(splat(simd, self.cutoff)) & depth.simd_gt(splat(simd, self.near));
-            take(
-                row,
-                Sample {
-                    inside,
-                    depth,
-                    offset: offset.max(-limit).min(limit),
-                    reach,
-                    exponent: r * -0.5,
-                    peak,
-                    faces_away,
-                },
-            );
+        let [tilt_x, tilt_y] = self.tilt;
+        let limit = splat(simd, self.farthest_offset);
+        let along = u.mul_add(splat(simd, a), splat(simd, b * v));
+        let r = along.mul_add(along, splat(simd, c * v * c * v));
+        let depth = u.mul_add(splat(simd, slope_x), splat(simd, record.depth + slope_y * v));
+        let change = u.mul_add(splat(simd, tilt_x), splat(simd, tilt_y * v));
+        let change = if self.is_perspective { change / (change + 1.0) } else { change };
+        let offset = change.mul_add(splat(simd, -self.zeta), splat(simd, record.depth) - depth);
+        Sample {
+            inside: r.simd_le(splat(simd, self.cutoff)) & depth.simd_gt(splat(simd, self.near)),
+            depth,
+            offset: offset.max(-limit).min(limit),
+            reach: splat(simd, 3.0 * record.sigma_z),
+            exponent: r * -0.5,
+            peak: splat(simd, record.amplitude.abs()),
+            faces_away: splat(simd, record.amplitude).simd_gt(splat(simd, 0.0)),
         }
     }
 
     #[inline(always)]
-    fn exact_sample<S: Simd>(
-        &self,
-        simd: S,
-        surfel: &Surfel,
-        rows: ExactRows,
-        [u, v]: [V<S>; 2],
-    ) -> Sample<S> {
-        let record = surfel.record;
-        let row = rows.row(simd, record, u, v[0]);
+    fn exact_sample<S: Simd>(&self, simd: S, u: V<S>, v: f32) -> Sample<S> {
+        let record = self.record;
+        let row = ExactRows::new(record).row(simd, record, u, v);
         let [slope_x, slope_y] = record.amplitude_slope;
         // n·v at the pixel, times the factor that makes it a coverage.
-        let change = u.mul_add(splat(simd, slope_x), v * slope_y);
+        let change = u.mul_add(splat(simd, slope_x), splat(simd, v * slope_y));
         let facing = change + record.amplitude;
         let zero = splat(simd, 0.0);
-        let offset = change * -surfel.zeta / facing + record.depth - row.depth;
-        let limit = splat(simd, surfel.farthest_offset);
+        let offset = change * -self.zeta / facing + record.depth - row.depth;
+        let limit = splat(simd, self.farthest_offset);
         // Seen exactly edge-on a plane has no depth at the pixel: the near limit.
         let offset = facing.simd_eq(zero).select(-limit, offset.max(-limit).min(limit));
         let peak = facing.abs() * row.scale;
@@ -188,42 +200,15 @@ impl SurfelRaster<'_> {
             faces_away: facing.simd_gt(zero),
         }
     }
-}
 
-impl Surfel<'_> {
-    /// The rows of a tile that the record meets, block by block.
+    /// No sample in a block has a span that begins nearer, 3σ_z included; the block's first pixel has this offset
+    /// from the mean.
     #[inline(always)]
-    pub(crate) fn parts<S: Simd>(&self, simd: S, tile: Tile) -> impl Iterator<Item = Part> {
-        let rows = StripRows::new(simd, self.record, self.rect, tile, self.cutoff);
-        let mean = self.record.mean;
-        let blocks = tile.side / BLOCK_ROWS;
-        rows.into_iter().flat_map(move |(strip, rows)| {
-            let first_block = rows.start / BLOCK_ROWS;
-            (first_block..rows.end.div_ceil(BLOCK_ROWS)).map(move |block| {
-                let start = rows.start.max(block * BLOCK_ROWS);
-                let end = rows.end.min((block + 1) * BLOCK_ROWS);
-                let x = (tile.origin[0] + strip * 8) as f32 + 0.5 - mean[0];
-                let y = |row: usize| (tile.origin[1] + row) as f32 + 0.5 - mean[1];
-                Part {
-                    block: strip * blocks + block,
-                    cells: strip * tile.side + start..strip * tile.side + end,
-                    corner: [x, y(block * BLOCK_ROWS)],
-                    top: y(start),
-                }
-            })
-        })
-    }
-
-    /// No sample in the part's block has a span that begins nearer, 3σ_z included.
-    #[inline(always)]
-    pub(crate) fn nearest(&self, part: &Part) -> f32 {
+    fn nearest(&self, first: [f32; 2]) -> f32 {
         if self.record.tag.form == Form::Exact {
             return f32::NEG_INFINITY;
         }
-        let [x, y] = part.corner.each(
-            #[inline(always)]
-            |corner| corner + 3.5,
-        );
+        let [x, y] = [first[0] + 3.5, first[1] + 3.5];
         let over_block =
             |slope: [f32; 2]| [slope[0] * x + slope[1] * y, 3.5 * (slope[0].abs() + slope[1].abs())];
         let [rise, range] = over_block(self.record.depth_slope);
