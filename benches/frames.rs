@@ -5,6 +5,7 @@
 
 mod common;
 
+use common::volumes::{ENGINE, data, engine_surface, volume};
 use criterion::{Criterion, criterion_group, criterion_main};
 use oblate::engine::Renderer;
 use std::cell::LazyCell;
@@ -30,9 +31,12 @@ fn frames(criterion: &mut Criterion) {
 }
 
 fn extraction(criterion: &mut Criterion) {
-    let Some(extract) = common::extraction() else { return };
+    if !data(ENGINE).is_file() {
+        return;
+    }
+    let volume = volume(ENGINE);
     let mut group = criterion.benchmark_group("T2");
-    group.sample_size(10).bench_function("extract", |bencher| bencher.iter(&extract));
+    group.sample_size(10).bench_function("extract", |bencher| bencher.iter(|| engine_surface(&volume)));
     group.finish();
 }
 

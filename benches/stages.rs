@@ -7,7 +7,7 @@
 
 mod common;
 #[path = "../src/stats.rs"]
-#[expect(dead_code, reason = "the program's report says more")]
+#[expect(dead_code, unused_imports, reason = "the program's report says more, and has tests")]
 mod stats;
 
 use oblate::engine::{Renderer, Scene, Stage};

@@ -3,7 +3,7 @@
 mod gaussians;
 mod random;
 mod surfels;
-mod volumes;
+pub(crate) mod volumes;
 
 use glam::DVec3;
 use oblate::engine::{Blend, Camera, Channels, Cloud, FootprintForm, Light, Pose, RenderSettings, Scene};
@@ -103,14 +103,6 @@ pub(crate) fn works() -> Vec<Work> {
             y03(DVec3::splat(99.0)),
         ),
     ]
-}
-
-/// Extracts the surface of T2 where its file is there.
-pub(crate) fn extraction() -> Option<impl Fn() -> Cloud> {
-    volumes::data(ENGINE).is_file().then(|| {
-        let volume = volume(ENGINE);
-        move || engine_surface(&volume)
-    })
 }
 
 const TRAINED: usize = 1_000_000;
