@@ -18,7 +18,8 @@ use std::f32::consts::PI;
 use std::hint::black_box;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-const SPLATS: usize = 50_000;
+const SPLATS: usize = 20_000;
+const SURFELS: usize = 10_000;
 
 /// Tells callgrind of stages.
 struct Marker {
@@ -94,7 +95,7 @@ fn main() {
     };
     let scene = Scene { clouds, lights: Vec::new() };
     let pose = Pose::look_at(DVec3::new(2.0, -4.0, 2.0), DVec3::ZERO, DVec3::Z).expect("it looks somewhere");
-    let camera = Camera::perspective(pose, 30f64.to_radians(), [512; 2]).expect("the size is in range");
+    let camera = Camera::perspective(pose, 30f64.to_radians(), [256; 2]).expect("the size is in range");
     let marker = Marker { is_measured: AtomicBool::new(false) };
     let mut renderer = Renderer::new();
     for is_measured in [false, true] {
@@ -113,7 +114,7 @@ fn splats(with_harmonics: bool) -> Cloud {
     let coefficients: Vec<_> = (0..15 * SPLATS).map(|_| (random.normals() * 0.04).to_array()).collect();
     let mut factor = || {
         let axes = oblate_factor(random.direction(), 1.0, 4.0);
-        let scales = (random.normals() * 0.5).to_array().map(|log| 0.006 * log.exp());
+        let scales = (random.normals() * 0.5).to_array().map(|log| 0.012 * log.exp());
         axes * Mat3::from_diagonal(scales.into())
     };
     let factors = (0..SPLATS).map(|_| factor()).collect();
@@ -132,21 +133,21 @@ fn splats(with_harmonics: bool) -> Cloud {
 /// A closed sphere of opaque surfels, a pixel apart.
 fn sphere() -> Cloud {
     let mut random = Random(2);
-    let normals: Vec<Vec3> = (0..SPLATS).map(|_| random.direction()).collect();
+    let normals: Vec<Vec3> = (0..SURFELS).map(|_| random.direction()).collect();
     let radius = 0.3;
-    let area = 4.0 * PI * radius * radius / SPLATS as f32;
+    let area = 4.0 * PI * radius * radius / SURFELS as f32;
     let sigma = area.sqrt();
     cloud(Splats {
         centers: normals.iter().map(|normal| *normal * radius).collect(),
         shapes: Shapes::Each(normals.iter().map(|n| oblate_factor(*n, sigma, f32::INFINITY)).collect()),
         strength: Strength::Surface(Surface {
-            areas: vec![area; SPLATS],
+            areas: vec![area; SURFELS],
             opacities: None,
             depth_tolerance: 2.0 * sigma,
             coverage_floor: 0.5,
             closed: true,
         }),
-        colors: vec![[0.5, 0.4, 0.3]; SPLATS],
+        colors: vec![[0.5, 0.4, 0.3]; SURFELS],
         harmonics: None,
         normals: Some(normals),
         material: Material::default(),
@@ -155,7 +156,7 @@ fn sphere() -> Cloud {
 
 /// A lit block of kernels on a grid, around the sphere, as transparent as glass.
 fn grid() -> Cloud {
-    const SIDE: usize = 37;
+    const SIDE: usize = 27;
     let width = 0.7;
     let step = width / SIDE as f32;
     let place = |i: usize| Vec3::from_array([i % SIDE, i / SIDE % SIDE, i / SIDE / SIDE].map(|i| i as f32));
