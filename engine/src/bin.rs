@@ -18,11 +18,11 @@ pub(crate) struct TileLists {
     entries: Vec<AtomicU32>,
 }
 
-/// The tiles that a rectangle touches: first and last column, first and last row, 16 bits each.
+/// The tiles, of a power of two pixels, that a rectangle touches: first and last column, first and last row, 16 bits each.
 #[inline(always)]
-fn packed(rect: &Rect, side: u16) -> u64 {
-    let [left, top] = rect.min.map(|x| u64::from(x / side));
-    let [right, bottom] = rect.max.map(|x| u64::from((x - 1) / side));
+fn packed(rect: &Rect, log_side: u32) -> u64 {
+    let [left, top] = rect.min.map(|x| u64::from(x >> log_side));
+    let [right, bottom] = rect.max.map(|x| u64::from((x - 1) >> log_side));
     left | right << 16 | top << 32 | bottom << 48
 }
 
@@ -58,6 +58,7 @@ impl TileLists {
         rects: &[Rect],
         scratch: &[AtomicU64],
     ) {
+        let log_side = side.trailing_zeros();
         let tiles = size.map(|length| (length as usize).div_ceil(side));
         let (columns, count) = (tiles[0], tiles[0] * tiles[1]);
         let shares = rayon::current_num_threads().max(1);
@@ -68,7 +69,7 @@ impl TileLists {
         self.counts.par_chunks_mut(count).enumerate().for_each(|(share, counts)| {
             for (entry, kept) in order[share_of(share)].iter().zip(&scratch[share_of(share)]) {
                 // Rectangles are read once, from all over; the second time they are in order.
-                let touched = packed(&rects[entry.load(Relaxed) as u32 as usize], side as u16);
+                let touched = packed(&rects[entry.load(Relaxed) as u32 as usize], log_side);
                 kept.store(touched, Relaxed);
                 for_each_tile(touched, columns, |tile, counts_in| counts[tile] += u32::from(counts_in));
             }

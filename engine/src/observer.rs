@@ -21,15 +21,8 @@ pub enum Stage {
 
 impl Stage {
     /// Every stage, in order.
-    pub const ALL: [Self; 7] = [
-        Self::Cull,
-        Self::Footprint,
-        Self::Order,
-        Self::Bin,
-        Self::Layers,
-        Self::Composite,
-        Self::Resolve,
-    ];
+    pub const ALL: [Self; 7] =
+        [Self::Cull, Self::Footprint, Self::Order, Self::Bin, Self::Layers, Self::Composite, Self::Resolve];
 
     /// Its name in reports.
     pub fn name(self) -> &'static str {

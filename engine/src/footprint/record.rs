@@ -77,9 +77,12 @@ impl Rect {
         let high = center + half + MARGIN - 0.5;
         let (mut min, mut max) = ([0; 2], [0; 2]);
         for axis in 0..2 {
+            if low[axis].is_nan() || high[axis].is_nan() {
+                return None;
+            }
             let last = f64::from(size[axis]);
             let (from, to) = (low[axis].ceil().max(0.0), (high[axis].floor() + 1.0).min(last));
-            if from >= to || from.is_nan() || to.is_nan() {
+            if from >= to {
                 return None;
             }
             min[axis] = from as u16;

@@ -111,6 +111,9 @@ impl<'a> Projector<'a> {
             columns::Kind::Opacity => opacity_cutoff(peak(splats.strength(index)), settings),
             _ => cutoff,
         };
+        if bounded < 0.0 {
+            return None;
+        }
         let [center, half] = footprint.bounds(bounded, exact);
         let rect = Rect::around(center, half, camera.size())?;
 
