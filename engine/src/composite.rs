@@ -383,8 +383,9 @@ impl Compositor<'_> {
         let (u, mut v) = strip.offsets(simd);
         let [slope_x, slope_y] = record.depth_slope;
         let rows_a_start = Recurrence::<S>::rows_a_start(record, self.cutoff);
+        let reach = self.cutoff.sqrt();
         for cells in cells[strip.cells()].chunks_mut(rows_a_start) {
-            let mut w = Recurrence::new(simd, (record, change), u, v);
+            let mut w = Recurrence::new(simd, (record, change, reach), u, v);
             let mut depth = u.mul_add(splat(simd, slope_x), splat(simd, record.depth + slope_y * v));
             v += cells.len() as f32;
             for cell in cells {
@@ -417,8 +418,8 @@ impl Compositor<'_> {
         let (u, v) = strip.offsets(simd);
         let v = v + number as f32;
         let row = ExactRows::new(record).row(simd, record, u, v);
-        let w = exp(simd, row.r * -0.5) * record.amplitude;
-        let mut strength = keep(simd, row.r.simd_le(splat(simd, self.cutoff)), w);
+        let w = keep(simd, row.r.simd_le(splat(simd, self.cutoff)), exp(simd, row.r * -0.5));
+        let mut strength = w * record.amplitude;
         if record.tag.kind == Kind::Opacity {
             strength = keep(simd, strength.simd_ge(splat(simd, self.least_alpha)), strength);
         } else if record.tag.form == Form::Exact {

@@ -353,7 +353,7 @@ impl LayerBuilder<'_> {
                     let inside = sample.inside
                         & nearest.simd_gt(V::simd_from(simd, first.previous))
                         & nearest.simd_le(V::simd_from(simd, first.limit));
-                    let weight = keep(simd, inside, sample.weight(simd));
+                    let weight = sample.weight(simd, inside);
                     add_product(
                         simd,
                         &mut sums.depth,

@@ -23,18 +23,21 @@ impl<S: Simd> Recurrence<S> {
         exp(simd, splat(simd, -(b * b + c * c)))
     }
 
-    /// Starts at offsets (u, v) from the record's mean.
+    /// Starts at offsets (u, v) from the record's mean; `reach` is the √r at which the kernel ends.
     ///
     /// A pixel so far out that f32 can't hold its start stays at 0. It is outside the ellipse as far as
     /// [`Self::rows_a_start`] rows on.
     #[inline(always)]
-    pub(crate) fn new(simd: S, (record, change): (&Record, V<S>), u: V<S>, v: f32) -> Self {
+    pub(crate) fn new(simd: S, (record, change, reach): (&Record, V<S>, f32), u: V<S>, v: f32) -> Self {
         let [a, b, c] = record.conic_root;
         let along = u.mul_add(splat(simd, a), splat(simd, b * v));
         let square = along.mul_add(along, splat(simd, c * v * c * v));
         let s = b * b + c * c;
         let exponent = square * -0.5;
-        let value = keep(simd, exponent.simd_gt(splat(simd, -86.9)), exp(simd, exponent));
+        // Columns beside the ellipse stay at 0: their values would become subnormal, which is slow.
+        let beside = u.abs().simd_gt(splat(simd, reach * s.sqrt() / (a * c)));
+        let starts = exponent.simd_gt(splat(simd, -85.9)) & !beside;
+        let value = keep(simd, starts, exp(simd, exponent));
         let slope = u.mul_add(splat(simd, -a * b), splat(simd, -s * (v + 0.5)));
         Self { value, ratio: exp(simd, slope), change }
     }

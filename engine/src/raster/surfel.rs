@@ -76,10 +76,10 @@ impl<S: Simd> Sample<S> {
         self.depth + self.offset.max(self.offset * 0.0)
     }
 
-    /// Coverage over the cloud's floor.
+    /// Coverage over the cloud's floor where the mask is set, 0 elsewhere.
     #[inline(always)]
-    pub(crate) fn weight(&self, simd: S) -> V<S> {
-        exp(simd, self.exponent) * self.peak
+    pub(crate) fn weight(&self, simd: S, mask: M<S>) -> V<S> {
+        keep(simd, mask, exp(simd, self.exponent)) * self.peak
     }
 }
 
