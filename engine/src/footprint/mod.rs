@@ -14,7 +14,7 @@ use crate::cull::{CLUSTER_SIZE, Frustum, VisibleRange};
 use crate::order::{Run, keyed, sortable};
 use crate::scene::{RenderSettings, Scene};
 use crate::shade::Shader;
-use crate::simd::{Level, dispatch};
+use crate::simd::Level;
 use rayon::prelude::*;
 use scalar::{Projector, View};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -117,7 +117,7 @@ impl Records {
                 let mut places = Places { records, rects, keys, samples, run: empty };
                 let projector = view.projector(range.cloud);
                 let wide = WideProjector::new(&projector);
-                dispatch!(view.level, simd => wide.project(simd, range, &mut places));
+                wide.project(view.level, range, &mut places);
                 *run = places.run;
             },
         );

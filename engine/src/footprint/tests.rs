@@ -214,7 +214,7 @@ fn wide(level: Level, projector: &Projector, middle: Vec3, is_surface: bool) -> 
                 distances: [0.0, f32::INFINITY],
                 is_surface,
             };
-            dispatch!(level, simd => wide.project(simd, &range, &mut places));
+            wide.project(level, &range, &mut places);
             let len = places.run.len;
             let is_new = len > std::mem::replace(&mut before, len);
             is_new.then(|| {

@@ -127,9 +127,14 @@ impl<'a> WideProjector<'a> {
         }
     }
 
-    /// Projects a range whose first splat begins a block.
+    /// Projects a range whose first splat begins a block, with the instructions of a level.
+    #[inline(never)]
+    pub(super) fn project(&self, level: Level, range: &VisibleRange, out: &mut Places) {
+        dispatch!(level, simd => self.project_wide(simd, range, out));
+    }
+
     #[inline(always)]
-    pub(super) fn project<S: Simd>(&self, simd: S, range: &VisibleRange, out: &mut Places) {
+    fn project_wide<S: Simd>(&self, simd: S, range: &VisibleRange, out: &mut Places) {
         let origin = self.scalar.cloud_to_camera.transform_point3(range.center.as_dvec3()).as_vec3();
         let eye = self.scalar.camera_to_cloud.translation - range.center.as_dvec3();
         let shared = match &self.scalar.cloud.columns().factors {
