@@ -5,71 +5,57 @@
 //! A-buffer test of Zwicker, Pfister, van Baar, Gross, *Surface splatting*, 2001. Without the plane a tilted
 //! surface whose surfels are smaller than the pixel's filter would fall apart into layers.
 //!
-//! Layers are peeled: one pass over the records finds each pixel's first sample, one sums up what belongs to it, and
-//! what lies behind a layer's limit is left for the next. Nothing is sorted or kept. Records come roughly from near to
-//! far, so that a block of pixels that is covered soon tells which records it needs no more.
+//! Layers are peeled, block by block: one pass over a block's records finds each pixel's first sample, one sums up what
+//! belongs to it, and what lies behind a layer's limit is left for the next. Nothing is sorted or kept. Records come
+//! roughly from near to far, so that a block that is covered soon needs most of them no more.
 
 use crate::cloud::Cloud;
-use crate::columns::{Kind, LANES, Lanes};
-use crate::composite::Cut;
-use crate::footprint::SurfaceSample;
-use crate::raster::{Needs, Sample, SurfelRaster};
+use crate::columns::{Kind, LANES};
+use crate::cuts::{Cut, Cuts, MAX_LAYERS, inside};
+use crate::footprint::{Record, Rect, SurfaceSample};
+use crate::raster::{BATCH, Sample, SurfelLens, Surfels};
 use crate::simd::*;
-use crate::tile::{BLOCK_ROWS, MAX_SIDE, Tile};
+use crate::tile::{BLOCK_SIDE, Block, Plane, Tile, add_products, first_pixels, load, store};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Layers a pixel; the last takes whatever is left.
-pub(crate) const MAX_LAYERS: usize = 4;
-
-/// The first sample of the layer that is being peeled, at eight pixels.
-#[derive(Clone, Copy)]
-#[repr(C, align(32))]
-struct First {
-    /// Its z; −∞ where nothing is looked for, ∞ where nothing was found.
-    depth: Lanes,
+/// The layer that is being peeled from a block.
+struct Peel<S: Simd> {
+    /// z of the first sample; −∞ where nothing is looked for, ∞ where nothing was found.
+    depth: Block<S>,
     /// The layer takes samples that come nearer than this.
-    limit: Lanes,
-    /// Its record, or [`Cut::NO_RECORD`].
-    record: [u32; LANES],
+    limit: Block<S>,
+    /// The first sample's record, or [`Cut::NO_RECORD`].
+    record: [u32x16<S>; 4],
     /// The limit of the layer before.
-    previous: Lanes,
+    previous: Block<S>,
 }
 
 /// Sums over the samples of a layer.
-#[derive(Clone, Copy)]
-#[repr(C, align(32))]
+#[repr(C, align(64))]
 struct Sums {
     /// Of the splats that show their front, and of those that show their back. The two sides of a thin sheet would
     /// cancel, so their normals are never added.
     sides: [Side; 2],
-    color: [Lanes; 3],
-    depth: Lanes,
-    opacity: Lanes,
+    color: [Plane; 3],
+    depth: Plane,
+    opacity: Plane,
 }
 
 #[derive(Clone, Copy)]
-#[repr(C, align(32))]
+#[repr(C, align(64))]
 struct Side {
-    weight: Lanes,
-    normal: [Lanes; 3],
+    weight: Plane,
+    normal: [Plane; 3],
 }
 
-impl Side {
-    #[inline(always)]
-    fn add<S: Simd>(&mut self, simd: S, normal: V3<S>, weight: V<S>) {
-        self.weight = (V::simd_from(simd, self.weight) + weight).into();
-        for (lanes, normal) in self.normal.iter_mut().zip(normal) {
-            add_product(simd, lanes, normal, weight);
-        }
-    }
-}
+const ZERO: Plane = [[0.0; LANES]; BLOCK_SIDE];
 
 impl Sums {
     const ZERO: Self = Self {
-        sides: [Side { weight: [0.0; LANES], normal: [[0.0; LANES]; 3] }; 2],
-        color: [[0.0; LANES]; 3],
-        depth: [0.0; LANES],
-        opacity: [0.0; LANES],
+        sides: [Side { weight: ZERO, normal: [ZERO; 3] }; 2],
+        color: [ZERO; 3],
+        depth: ZERO,
+        opacity: ZERO,
     };
 }
 
@@ -79,153 +65,55 @@ impl Sums {
 /// covered already: the parts of one surface that fall into two layers, at a crease or along a silhouette, lie
 /// beside each other. Were they independent, every such pixel would let the background through.
 #[derive(Clone, Copy)]
-#[repr(C, align(32))]
-struct SeenThrough {
+struct SeenThrough<S: Simd> {
     /// Share of the pixel that no layer covers.
-    bare: Lanes,
+    bare: W<S>,
     /// What the covered share lets through, as a share of the pixel.
-    covered: Lanes,
+    covered: W<S>,
 }
 
-impl SeenThrough {
-    const NOTHING_YET: Self = Self { bare: [1.0; LANES], covered: [0.0; LANES] };
-
+impl<S: Simd> SeenThrough<S> {
     /// Puts a layer behind; gives the opacity with which it is composited, and what is still seen.
     #[inline(always)]
-    fn cover<S: Simd>(&mut self, simd: S, coverage: V<S>, opacity: V<S>) -> [V<S>; 2] {
-        let (bare, covered) = (V::simd_from(simd, self.bare), V::simd_from(simd, self.covered));
-        let one = splat(simd, 1.0);
+    fn cover(&mut self, simd: S, coverage: W<S>, opacity: W<S>) -> [W<S>; 2] {
+        let Self { bare, covered } = *self;
+        let (one, zero) = (W::simd_from(simd, 1.0), W::simd_from(simd, 0.0));
         let before = bare + covered;
         let beside = coverage.min(bare);
-        let behind = keep(simd, bare.simd_lt(one), (coverage - beside) / (one - bare));
-        let covered = covered * (one - opacity * behind) + beside * (one - opacity);
-        let bare = bare - beside;
-        (self.bare, self.covered) = (bare.into(), covered.into());
-        let after = bare + covered;
-        let alpha = before.simd_gt(splat(simd, 0.0)).select(one - after / before, one);
+        let behind = bare.simd_lt(one).select((coverage - beside) / (one - bare), zero);
+        self.covered = covered * (one - opacity * behind) + beside * (one - opacity);
+        self.bare = bare - beside;
+        let after = self.bare + self.covered;
+        let alpha = before.simd_gt(zero).select(one - after / before, one);
         [alpha, after]
     }
 }
 
-/// What the cuts of a block of 8×8 pixels mean for a volume.
-#[derive(Clone, Copy)]
-pub(crate) struct BlockCuts {
-    /// The nearest cut.
-    pub(crate) nearest: f32,
-    /// Behind this nothing is seen in any of its pixels.
-    pub(crate) hidden: f32,
-    /// Segments that anything is seen of.
-    pub(crate) segments: usize,
-}
-
-/// The cuts of a tile's pixels, near to far.
-pub(crate) struct Cuts {
-    layers: usize,
-    cuts: [Vec<Cut>; MAX_LAYERS],
-    blocks: [BlockCuts; BLOCKS],
-    hidden: f32,
-}
-
-/// Blocks of the largest tile.
-const BLOCKS: usize = (MAX_SIDE / LANES) * (MAX_SIDE / BLOCK_ROWS);
-
-impl Cuts {
-    pub(crate) fn new() -> Self {
-        let open = BlockCuts { nearest: f32::INFINITY, hidden: f32::INFINITY, segments: 1 };
-        let cuts = std::array::from_fn(|_| Vec::new());
-        Self { layers: 0, cuts, blocks: [open; BLOCKS], hidden: f32::INFINITY }
-    }
-
-    pub(crate) fn is_empty(&self) -> bool {
-        self.layers == 0
-    }
-
-    /// Segments of the pixel that has most.
-    pub(crate) fn segments(&self) -> usize {
-        self.layers + 1
-    }
-
-    /// The cuts of a cell, layer by layer; where a pixel has none its depth is ∞ and α is 0.
-    pub(crate) fn cell(&self, cell: usize) -> impl Iterator<Item = &Cut> {
-        self.cuts[..self.layers].iter().map(move |cuts| &cuts[cell])
-    }
-
-    /// The depths at which a segment of a cell ends.
-    pub(crate) fn depth(&self, segment: usize, cell: usize) -> Lanes {
-        if segment < self.layers { self.cuts[segment][cell].depth } else { [f32::INFINITY; LANES] }
-    }
-
-    pub(crate) fn block(&self, tile: Tile, strip: usize, block: usize) -> BlockCuts {
-        self.blocks[strip * (tile.side / BLOCK_ROWS) + block]
-    }
-
-    /// Whether all that lies behind a depth is hidden everywhere in the tile.
-    #[inline(always)]
-    pub(crate) fn hide(&self, depth: f32) -> bool {
-        depth > self.hidden
-    }
-
-    /// Looks at the finished cuts block by block.
-    #[inline(always)]
-    fn sum_up<S: Simd>(&mut self, simd: S, tile: Tile) {
-        self.hidden = f32::NEG_INFINITY;
-        for strip in 0..tile.strips() {
-            for block in 0..tile.size[1].div_ceil(BLOCK_ROWS) {
-                let mut sum = BlockCuts { nearest: f32::INFINITY, hidden: f32::NEG_INFINITY, segments: 1 };
-                let first = block * BLOCK_ROWS;
-                for cell in tile.strip(strip).skip(first).take(BLOCK_ROWS) {
-                    let mut hidden = splat(simd, f32::INFINITY);
-                    for (layer, cut) in self.cuts[..self.layers].iter().map(|cuts| &cuts[cell]).enumerate() {
-                        let (depth, alpha) = (V::simd_from(simd, cut.depth), V::simd_from(simd, cut.alpha));
-                        sum.nearest = sum.nearest.min(depth.reduce_min());
-                        let is_open = hidden.simd_eq(splat(simd, f32::INFINITY));
-                        if (is_open & alpha.simd_gt(splat(simd, 0.0)) & alpha.simd_lt(splat(simd, 1.0)))
-                            .any_true()
-                        {
-                            sum.segments = sum.segments.max(layer + 2);
-                        }
-                        let ends = is_open & alpha.simd_ge(splat(simd, 1.0));
-                        hidden = ends.select(depth, hidden);
-                    }
-                    // What lies beside the picture hides everything.
-                    let inside = lane_numbers(simd).simd_lt(splat(simd, tile.columns(strip) as f32));
-                    let hidden = inside.select(hidden, splat(simd, f32::NEG_INFINITY));
-                    sum.hidden = sum.hidden.max(hidden.reduce_max());
-                }
-                self.blocks[strip * (tile.side / BLOCK_ROWS) + block] = sum;
-                self.hidden = self.hidden.max(sum.hidden);
-            }
-        }
-    }
-}
-
 /// Buffers of one thread.
+#[derive(Default)]
 pub(crate) struct LayerBuffers {
-    firsts: Vec<First>,
-    sums: Vec<Sums>,
-    seen_through: Vec<SeenThrough>,
-    /// What each block needs.
-    needs: [Needs; BLOCKS],
-    /// Records that may have samples in the layer.
-    candidates: Vec<u32>,
+    /// A tile's records, and how many batches of them it has.
+    batches: Vec<Surfels>,
+    used: usize,
+    /// Of a block: its records, by their place in the tile, and between which depths their spans begin.
+    listed: Vec<Listed>,
 }
 
-impl LayerBuffers {
-    pub(crate) fn new() -> Self {
-        Self {
-            firsts: Vec::new(),
-            sums: Vec::new(),
-            seen_through: Vec::new(),
-            needs: [Needs { rows: 0, done: f32::NEG_INFINITY, farthest: f32::INFINITY }; BLOCKS],
-            candidates: Vec::new(),
-        }
-    }
+/// A record of a block.
+#[derive(Clone, Copy)]
+struct Listed {
+    batch: u32,
+    number: u32,
+    nearest: f32,
+    farthest: f32,
 }
 
 /// Turns a tile's surface records into cuts. Behind a transmittance of `spent` nothing is kept.
 pub(crate) struct LayerBuilder<'a> {
-    pub(crate) raster: SurfelRaster<'a>,
+    pub(crate) records: &'a [Record],
+    pub(crate) rects: &'a [Rect],
     pub(crate) samples: &'a [SurfaceSample],
+    pub(crate) lens: SurfelLens,
     pub(crate) depth_tolerances: &'a [f32],
     pub(crate) spent: f32,
 }
@@ -242,9 +130,6 @@ pub(crate) fn depth_tolerances(clouds: &[Cloud]) -> impl Iterator<Item = f32> {
     })
 }
 
-/// Records after which it is found anew what the blocks need.
-const RECORDS_A_CHECK: usize = 32;
-
 impl LayerBuilder<'_> {
     /// Fills the cuts of a tile from its records. Gives the number of pixels that were evaluated.
     #[inline(always)]
@@ -255,260 +140,348 @@ impl LayerBuilder<'_> {
         buffers: &mut LayerBuffers,
         cuts: &mut Cuts,
     ) -> u64 {
-        cuts.layers = 0;
-        cuts.hidden = f32::INFINITY;
+        cuts.clear();
         if list.is_empty() {
             return 0;
         }
-        let cells = Tile::cells(tile.side);
-        buffers.seen_through.clear();
-        buffers.seen_through.resize(cells, SeenThrough::NOTHING_YET);
-        begin(tile, buffers);
-        let mut lanes = 0;
+        apart(
+            simd,
+            #[inline(always)]
+            || self.fetch(simd, (tile, list), buffers),
+        );
+        let mut samples = 0;
+        for block in tile.visible_blocks() {
+            samples += self.peel(simd, (tile, block), buffers, cuts);
+        }
+        cuts.sum_up(simd, tile, self.spent);
+        samples * (BLOCK_SIDE * BLOCK_SIDE) as u64
+    }
+
+    /// Brings the records of a tile together.
+    #[inline(always)]
+    fn fetch<S: Simd>(&self, simd: S, (tile, list): (Tile, &[AtomicU32]), buffers: &mut LayerBuffers) {
+        let LayerBuffers { batches, used, .. } = buffers;
+        *used = list.len().div_ceil(BATCH);
+        batches.resize_with((*used).max(batches.len()), || Surfels::NONE);
+        for (list, batch) in list.chunks(BATCH).zip(batches) {
+            let records = list.iter().map(
+                #[inline(always)]
+                |entry| {
+                    let index = entry.load(Ordering::Relaxed);
+                    let record = &self.records[index as usize];
+                    (index, record, self.depth_tolerances[record.tag.cloud as usize])
+                },
+            );
+            batch.fill(simd, (tile, &self.lens), records, self.rects);
+        }
+    }
+
+    /// Lists the records that a block needs.
+    #[inline(always)]
+    fn list<S: Simd>(&self, simd: S, (block, corner): (usize, [f32; 2]), buffers: &mut LayerBuffers) {
+        let LayerBuffers { batches, used, listed } = buffers;
+        listed.clear();
+        let (mut nearest, mut farthest) = ([0.0; BATCH], [0.0; BATCH]);
+        for (batch, surfels) in batches[..*used].iter().enumerate() {
+            let mut rest = surfels.masks[block];
+            if rest == 0 {
+                continue;
+            }
+            surfels.bounds(simd, corner, &self.lens, [&mut nearest, &mut farthest]);
+            while rest != 0 {
+                let number = rest.trailing_zeros() as usize % BATCH;
+                rest &= rest - 1;
+                let (nearest, farthest) = (nearest[number], farthest[number]);
+                listed.push(Listed { batch: batch as u32, number: number as u32, nearest, farthest });
+            }
+        }
+    }
+
+    /// Peels the layers of a block; gives the number of times that a record was evaluated.
+    #[inline(always)]
+    fn peel<S: Simd>(
+        &self,
+        simd: S,
+        (tile, block): (Tile, usize),
+        buffers: &mut LayerBuffers,
+        cuts: &mut Cuts,
+    ) -> u64 {
+        let corner = tile.corner_pixel(block);
+        let pixels = first_pixels(simd, corner);
+        apart(
+            simd,
+            #[inline(always)]
+            || self.list(simd, (block, corner), buffers),
+        );
+        let LayerBuffers { batches, listed, .. } = buffers;
+        let infinity = W::simd_from(simd, f32::INFINITY);
+        let wanted = load(simd, &inside(tile, block));
+        let mut peel = Peel {
+            depth: wanted,
+            limit: wanted,
+            record: [u32x16::simd_from(simd, Cut::NO_RECORD); 4],
+            previous: [-infinity; 4],
+        };
+        let nothing_yet = SeenThrough { bare: W::simd_from(simd, 1.0), covered: W::simd_from(simd, 0.0) };
+        let mut seen_through = [nothing_yet; 4];
+        let mut evaluated = 0;
         for layer in 0..MAX_LAYERS {
-            lanes += self.find_first(simd, (tile, list), buffers);
-            if buffers.candidates.is_empty() {
+            evaluated += apart(
+                simd,
+                #[inline(always)]
+                || self.find_first(simd, (batches, pixels), listed, &mut peel),
+            );
+            if listed.is_empty() {
                 break;
             }
-            if layer + 1 == MAX_LAYERS {
-                take_the_rest(simd, tile, &mut buffers.firsts);
+            let last = layer + 1 == MAX_LAYERS;
+            if last {
+                // The last layer takes every sample that is left.
+                for (limit, depth) in peel.limit.iter_mut().zip(peel.depth) {
+                    *limit = depth.simd_gt(-infinity).select(infinity, -infinity);
+                }
             }
-            buffers.sums.clear();
-            buffers.sums.resize(cells, Sums::ZERO);
-            lanes += self.sum_up(simd, tile, buffers);
-            cuts.cuts[layer].clear();
-            cuts.cuts[layer].resize(cells, Cut::NONE);
-            cuts.layers = layer + 1;
-            if !self.close(simd, tile, buffers, cuts) {
+            let mut sums = Sums::ZERO;
+            evaluated += apart(
+                simd,
+                #[inline(always)]
+                || self.sum_up(simd, (batches, pixels), (listed, &peel), &mut sums),
+            );
+            let closed = apart(
+                simd,
+                #[inline(always)]
+                || close(simd, &mut peel, &sums, (&mut seen_through, last), self.spent),
+            );
+            let Some((cut, goes_on)) = closed else { break };
+            let depth_before = cuts.layers(block).last().map(|cut| cut.depth);
+            cuts.push((tile, block), cut.behind(simd, depth_before));
+            if !goes_on {
                 break;
             }
         }
-        cuts.sum_up(simd, tile);
-        lanes
+        evaluated
     }
 
-    /// Finds the first sample of each pixel behind the layers so far, and the records that may belong to its layer.
+    /// Finds the first sample of each pixel behind the layers so far. Leaves those records in the list that may have
+    /// samples there.
     #[inline(always)]
     fn find_first<S: Simd>(
         &self,
         simd: S,
-        (tile, list): (Tile, &[AtomicU32]),
-        buffers: &mut LayerBuffers,
+        (batches, pixels): (&[Surfels], [W<S>; 2]),
+        listed: &mut Vec<Listed>,
+        peel: &mut Peel<S>,
     ) -> u64 {
-        let LayerBuffers { firsts, needs, candidates, .. } = buffers;
-        candidates.clear();
-        let mut lanes = 0;
-        for list in list.chunks(RECORDS_A_CHECK) {
-            find_needs(simd, tile, firsts, needs);
-            for entry in list {
-                let index = entry.load(Ordering::Relaxed);
-                let surfel = self.raster.surfel(index);
-                let tolerance = self.depth_tolerances[surfel.record.tag.cloud as usize];
-                let own_index = u32x8::simd_from(simd, index);
-                let drawn = surfel.draw(
-                    simd,
-                    tile,
-                    needs,
-                    #[inline(always)]
-                    |cell, sample: Sample<S>| {
-                        let first = &mut firsts[cell];
-                        let unseen = sample.nearest().simd_gt(V::simd_from(simd, first.previous));
-                        let depth = V::simd_from(simd, first.depth);
-                        let nearer = sample.inside & unseen & sample.depth.simd_lt(depth);
-                        let limit = sample.farthest() + tolerance;
-                        let record = u32x8::simd_from(simd, first.record);
-                        first.depth = nearer.select(sample.depth, depth).into();
-                        first.limit = nearer.select(limit, V::simd_from(simd, first.limit)).into();
-                        first.record = nearer.select(own_index, record).into();
-                    },
-                );
-                lanes += drawn;
-                if drawn > 0 {
-                    candidates.push(index);
+        let infinity = W::simd_from(simd, f32::INFINITY);
+        let mut farthest = greatest(peel.limit);
+        let done = -greatest([0, 1, 2, 3].each(
+            #[inline(always)]
+            |i| peel.depth[i].simd_gt(-infinity).select(-peel.previous[i], -infinity),
+        ));
+        let is_first_layer = done == f32::NEG_INFINITY;
+        let (mut kept, mut evaluated) = (0, 0);
+        for place in 0..listed.len() {
+            let candidate = listed[place];
+            if candidate.farthest <= done {
+                continue;
+            }
+            // It may be of use to a later layer.
+            listed[kept] = candidate;
+            kept += 1;
+            if candidate.nearest > farthest {
+                continue;
+            }
+            evaluated += 1;
+            let (surfels, number) = (&batches[candidate.batch as usize], candidate.number as usize % BATCH);
+            let sample: Sample<S> = surfels.sample(simd, number, pixels, &self.lens);
+            let mut nearer = [0, 1, 2, 3].each(
+                #[inline(always)]
+                |i| sample.inside[i] & sample.depth[i].simd_lt(peel.depth[i]),
+            );
+            if !any(nearer) {
+                continue;
+            }
+            let spans = surfels.spans(simd, (number, &sample), pixels, &self.lens);
+            if !is_first_layer {
+                for i in 0..4 {
+                    nearer[i] &= spans.nearest[i].simd_gt(peel.previous[i]);
                 }
             }
+            let record = u32x16::simd_from(simd, surfels.index[number]);
+            for i in 0..4 {
+                peel.depth[i] = nearer[i].select(sample.depth[i], peel.depth[i]);
+                let limit = spans.farthest[i] + surfels.tolerance[number];
+                peel.limit[i] = nearer[i].select(limit, peel.limit[i]);
+                peel.record[i] = nearer[i].select(record, peel.record[i]);
+            }
+            farthest = greatest(peel.limit);
         }
-        lanes
+        listed.truncate(kept);
+        evaluated
     }
 
     /// Sums up the samples that belong to the layer.
     #[inline(always)]
-    fn sum_up<S: Simd>(&self, simd: S, tile: Tile, buffers: &mut LayerBuffers) -> u64 {
-        let LayerBuffers { firsts, sums, needs, candidates, .. } = buffers;
-        find_needs(simd, tile, firsts, needs);
-        let mut lanes = 0;
-        for index in candidates.iter() {
-            let surfel = self.raster.surfel(*index);
-            let SurfaceSample { normal, opacity, .. } = self.samples[*index as usize];
-            let (color, normal) = (splat3(simd, surfel.record.color), splat3(simd, normal));
-            let opacity = splat(simd, opacity);
-            lanes += surfel.draw(
-                simd,
-                tile,
-                needs,
-                #[inline(always)]
-                |cell, sample: Sample<S>| {
-                    let (first, sums) = (&firsts[cell], &mut sums[cell]);
-                    let nearest = sample.nearest();
-                    let inside = sample.inside
-                        & nearest.simd_gt(V::simd_from(simd, first.previous))
-                        & nearest.simd_le(V::simd_from(simd, first.limit));
-                    let weight = sample.weight(simd, inside);
-                    add_product(
-                        simd,
-                        &mut sums.depth,
-                        sample.depth - V::simd_from(simd, first.depth),
-                        weight,
-                    );
-                    add_product(simd, &mut sums.opacity, opacity, weight);
-                    for (lanes, color) in sums.color.iter_mut().zip(color) {
-                        add_product(simd, lanes, color, weight);
-                    }
-                    // In the affine form a splat shows one side.
-                    let back = keep(simd, sample.faces_away, weight);
-                    let [front_side, back_side] = &mut sums.sides;
-                    if surfel.shows_front() {
-                        front_side.add(simd, normal, weight - back);
-                    }
-                    if surfel.shows_back() {
-                        back_side.add(simd, normal, back);
-                    }
-                },
-            );
-        }
-        lanes
-    }
-
-    /// Turns the sums into cuts and makes ready for the next layer; says whether one is needed.
-    #[inline(always)]
-    fn close<S: Simd>(&self, simd: S, tile: Tile, buffers: &mut LayerBuffers, cuts: &mut Cuts) -> bool {
-        let LayerBuffers { firsts, sums, seen_through, .. } = buffers;
-        let layer = cuts.layers - 1;
-        let last = cuts.layers == MAX_LAYERS;
-        let (before, from_here) = cuts.cuts.split_at_mut(layer);
-        let mut any = false;
-        let one = splat(simd, 1.0);
-        for cell in (0..tile.strips()).flat_map(|strip| tile.strip(strip)) {
-            let (first, sum, cut) = (&mut firsts[cell], &sums[cell], &mut from_here[0][cell]);
-            let record = u32x8::simd_from(simd, first.record);
-            let found = !record.simd_eq(u32x8::simd_from(simd, Cut::NO_RECORD));
-            if !found.any_true() {
-                *first = First::DONE;
+    fn sum_up<S: Simd>(
+        &self,
+        simd: S,
+        (batches, pixels): (&[Surfels], [W<S>; 2]),
+        (listed, peel): (&[Listed], &Peel<S>),
+        sums: &mut Sums,
+    ) -> u64 {
+        let farthest = greatest(peel.limit);
+        let mut evaluated = 0;
+        for candidate in listed.iter().filter(|candidate| candidate.nearest <= farthest) {
+            let (surfels, number) = (&batches[candidate.batch as usize], candidate.number as usize % BATCH);
+            let mut sample = surfels.sample(simd, number, pixels, &self.lens);
+            let spans = surfels.spans(simd, (number, &sample), pixels, &self.lens);
+            for i in 0..4 {
+                sample.inside[i] &=
+                    spans.nearest[i].simd_gt(peel.previous[i]) & spans.nearest[i].simd_le(peel.limit[i]);
+            }
+            evaluated += 1;
+            if !any(sample.inside) {
                 continue;
             }
-            let [front, back] = &sum.sides;
-            let [front_weight, back_weight] = [front, back].each(
-                #[inline(always)]
-                |side| V::simd_from(simd, side.weight),
-            );
-            let weight = front_weight + back_weight;
-            let mean = |lanes: Lanes| V::simd_from(simd, lanes) / weight;
-            // On the side that is seen.
-            let shows_front = front_weight.simd_ge(back_weight);
-            let normal = [0, 1, 2].each(
-                #[inline(always)]
-                |axis| {
-                    let [front, back] = [front, back].each(
-                        #[inline(always)]
-                        |side| V::simd_from(simd, side.normal[axis]),
-                    );
-                    shows_front.select(front, -back)
-                },
-            );
-            let mut opacity = mean(sum.opacity).min(one);
-            if last {
-                // The last layer may be several sheets, one behind the other.
-                let through: [f32; LANES] = (one - opacity).into();
-                let sheets: [f32; LANES] = weight.max(one).into();
-                let through: [f32; LANES] = std::array::from_fn(|i| through[i].powf(sheets[i]));
-                opacity = one - V::simd_from(simd, through);
+            let index = surfels.index[number] as usize;
+            let SurfaceSample { normal, opacity, .. } = self.samples[index];
+            let weights = surfels.weights(simd, (number, &sample), pixels);
+            let mut depths = sample.depth;
+            for (depth, first) in depths.iter_mut().zip(peel.depth) {
+                *depth -= first;
             }
-            let [alpha, seen] = seen_through[cell].cover(
-                simd,
-                keep(simd, found, weight.min(one)),
-                keep(simd, found, opacity),
-            );
-            let mut depth = V::simd_from(simd, first.depth) + mean(sum.depth);
-            if let Some(before) = before.last() {
-                // Means of spans that overlap need not be in order; cuts are.
-                depth = depth.max(V::simd_from(simd, before[cell].depth));
+            // Where no sample was found the difference is infinite.
+            for i in 0..4 {
+                depths[i] = sample.inside[i].select(depths[i], W::simd_from(simd, 0.0));
             }
-            let infinity = splat(simd, f32::INFINITY);
-            *cut = Cut {
-                depth: found.select(depth, infinity).into(),
-                alpha: keep(simd, found, alpha).into(),
-                color: sum.color.each(
-                    #[inline(always)]
-                    |lanes| keep(simd, found, mean(lanes)).into(),
-                ),
-                normal: normalize_or_zero(simd, normal).each(
-                    #[inline(always)]
-                    |lanes| keep(simd, found, lanes).into(),
-                ),
-                record: first.record,
-            };
-            let goes_on = found & seen.simd_gt(splat(simd, self.spent));
-            any |= goes_on.any_true();
-            first.previous = first.limit;
-            first.depth = goes_on.select(infinity, -infinity).into();
-            first.limit = goes_on.select(infinity, -infinity).into();
-            first.record = [Cut::NO_RECORD; LANES];
+            add_products(simd, &mut sums.depth, (depths, weights));
+            add_products(simd, &mut sums.opacity, ([W::simd_from(simd, opacity); 4], weights));
+            for (plane, own) in sums.color.iter_mut().zip(self.records[index].color) {
+                add_products(simd, plane, ([W::simd_from(simd, own); 4], weights));
+            }
+            // In the affine form a splat shows one side.
+            if surfels.is_exact(number) {
+                let facing = surfels.exact_facing(simd, number, pixels);
+                let zero = W::simd_from(simd, 0.0);
+                for (side, sign) in sums.sides.iter_mut().zip([-1.0, 1.0]) {
+                    let mut own = weights;
+                    for (own, facing) in own.iter_mut().zip(facing) {
+                        *own = (facing * sign).simd_gt(zero).select(*own, zero);
+                    }
+                    side.add(simd, normal, own);
+                }
+            } else {
+                sums.sides[usize::from(surfels.faces_away(number))].add(simd, normal, weights);
+            }
         }
-        any && !last
+        evaluated
     }
 }
 
-impl First {
-    const DONE: Self = Self {
-        depth: [f32::NEG_INFINITY; LANES],
-        limit: [f32::NEG_INFINITY; LANES],
-        record: [Cut::NO_RECORD; LANES],
-        previous: [f32::INFINITY; LANES],
-    };
-}
-
-/// Looks for first samples in all pixels of the picture.
-fn begin(tile: Tile, buffers: &mut LayerBuffers) {
-    buffers.firsts.clear();
-    buffers.firsts.resize(Tile::cells(tile.side), First::DONE);
-    for strip in 0..tile.strips() {
-        let columns = tile.columns(strip);
-        for first in &mut buffers.firsts[tile.strip(strip)] {
-            first.depth[..columns].fill(f32::INFINITY);
-            first.limit[..columns].fill(f32::INFINITY);
-            first.previous[..columns].fill(f32::NEG_INFINITY);
+impl Side {
+    #[inline(always)]
+    fn add<S: Simd>(&mut self, simd: S, normal: [f32; 3], weights: Block<S>) {
+        add_products(simd, &mut self.weight, ([W::simd_from(simd, 1.0); 4], weights));
+        for (plane, normal) in self.normal.iter_mut().zip(normal) {
+            add_products(simd, plane, ([W::simd_from(simd, normal); 4], weights));
         }
     }
 }
 
-/// Lets the layer take every sample that is left in the pixels that it looks at.
+/// Turns the sums of a layer into a cut and makes ready for the next; says whether one is needed. `None` where no pixel
+/// has a sample.
 #[inline(always)]
-fn take_the_rest<S: Simd>(simd: S, tile: Tile, firsts: &mut [First]) {
-    let infinity = splat(simd, f32::INFINITY);
-    for cell in (0..tile.strips()).flat_map(|strip| tile.strip(strip)) {
-        let first = &mut firsts[cell];
-        let wanted = V::simd_from(simd, first.depth).simd_gt(-infinity);
-        first.limit = wanted.select(infinity, -infinity).into();
+fn close<S: Simd>(
+    simd: S,
+    peel: &mut Peel<S>,
+    sums: &Sums,
+    (seen_through, last): (&mut [SeenThrough<S>; 4], bool),
+    spent: f32,
+) -> Option<(Cut, bool)> {
+    let no_record = u32x16::simd_from(simd, Cut::NO_RECORD);
+    let found = peel.record.each(
+        #[inline(always)]
+        |record| record.simd_ne(no_record),
+    );
+    if !any(found) {
+        return None;
+    }
+    let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
+    let infinity = W::simd_from(simd, f32::INFINITY);
+    let [front, back] = &sums.sides;
+    let [front_weight, back_weight] = [load(simd, &front.weight), load(simd, &back.weight)];
+    let mut cut = Cut::NONE;
+    let (mut depth, mut alpha) = (load(simd, &sums.depth), load(simd, &sums.opacity));
+    let mut color = load3(simd, &sums.color);
+    let (mut normal, back_normal) = (load3(simd, &front.normal), load3(simd, &back.normal));
+    let mut goes_on = [zero.simd_lt(zero); 4];
+    for i in 0..4 {
+        let weight = front_weight[i] + back_weight[i];
+        let inverse = found[i].select(one / weight, zero);
+        let mut opacity = (alpha[i] * inverse).min(one);
+        if last {
+            // The last layer may be several sheets, one behind the other.
+            let (through, sheets) = (one - opacity, weight.max(one));
+            opacity =
+                one - W::from_slice(simd, &std::array::from_fn::<f32, 16, _>(|k| through[k].powf(sheets[k])));
+        }
+        let coverage = found[i].select(weight.min(one), zero);
+        let [own, seen] = seen_through[i].cover(simd, coverage, found[i].select(opacity, zero));
+        alpha[i] = found[i].select(own, zero);
+        depth[i] = found[i].select(depth[i].mul_add(inverse, peel.depth[i]), infinity);
+        // On the side that is seen.
+        let shows_front = front_weight[i].simd_ge(back_weight[i]);
+        let side = [0, 1, 2].each(
+            #[inline(always)]
+            |axis| shows_front.select(normal[axis][i], -back_normal[axis][i]),
+        );
+        let unit = normalize_or_zero(simd, side);
+        for axis in 0..3 {
+            normal[axis][i] = found[i].select(unit[axis], zero);
+            color[axis][i] *= inverse;
+        }
+        cut.record.as_flattened_mut()[16 * i..16 * i + 16].copy_from_slice(peel.record[i].as_slice());
+        goes_on[i] = found[i] & seen.simd_gt(W::simd_from(simd, spent));
+        peel.previous[i] = peel.limit[i];
+        peel.depth[i] = goes_on[i].select(infinity, -infinity);
+        peel.limit[i] = peel.depth[i];
+        peel.record[i] = no_record;
+    }
+    store(depth, &mut cut.depth);
+    store(alpha, &mut cut.alpha);
+    for axis in 0..3 {
+        store(color[axis], &mut cut.color[axis]);
+        store(normal[axis], &mut cut.normal[axis]);
+    }
+    Some((cut, any(goes_on) && !last))
+}
+
+impl Cut {
+    /// Means of spans that overlap need not be in order; cuts are.
+    #[inline(always)]
+    fn behind<S: Simd>(mut self, simd: S, depth_before: Option<Plane>) -> Self {
+        if let Some(before) = depth_before {
+            let (mut depth, before) = (load(simd, &self.depth), load(simd, &before));
+            for i in 0..4 {
+                depth[i] = depth[i].max(before[i]);
+            }
+            store(depth, &mut self.depth);
+        }
+        self
     }
 }
 
-/// Finds what each block needs of the samples behind the layers so far.
 #[inline(always)]
-fn find_needs<S: Simd>(simd: S, tile: Tile, firsts: &[First], needs: &mut [Needs; BLOCKS]) {
-    let blocks = tile.side / BLOCK_ROWS;
-    let infinity = splat(simd, f32::INFINITY);
-    for strip in 0..tile.strips() {
-        for block in 0..tile.size[1].div_ceil(BLOCK_ROWS) {
-            let first = strip * tile.side + block * BLOCK_ROWS;
-            let (mut rows, mut farthest, mut done) = (0, -infinity, infinity);
-            for (row, first) in firsts[first..first + BLOCK_ROWS].iter().enumerate() {
-                let wanted = V::simd_from(simd, first.depth).simd_gt(-infinity);
-                rows |= u8::from(wanted.any_true()) << row;
-                farthest = farthest.max(V::simd_from(simd, first.limit));
-                done = done.min(wanted.select(V::simd_from(simd, first.previous), infinity));
-            }
-            let (done, farthest) = (done.reduce_min(), farthest.reduce_max());
-            needs[strip * blocks + block] = Needs { rows, done, farthest };
-        }
-    }
+fn load3<S: Simd>(simd: S, planes: &[Plane; 3]) -> [Block<S>; 3] {
+    [load(simd, &planes[0]), load(simd, &planes[1]), load(simd, &planes[2])]
+}
+
+#[inline(always)]
+fn any<S: Simd>([a, b, c, d]: [mask32x16<S>; 4]) -> bool {
+    ((a | b) | (c | d)).any_true()
+}
+
+#[inline(always)]
+fn greatest<S: Simd>([a, b, c, d]: Block<S>) -> f32 {
+    a.max(b).max(c.max(d)).reduce_max()
 }

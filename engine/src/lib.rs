@@ -20,6 +20,7 @@ pub mod color;
 mod columns;
 mod composite;
 mod cull;
+mod cuts;
 pub mod footprint;
 pub mod frame;
 mod harmonics;

@@ -4,12 +4,13 @@ use crate::bin::TileLists;
 use crate::camera::Camera;
 use crate::composite::{Compositor, Runs};
 use crate::cull::{VisibleRange, find_visible};
+use crate::cuts::Cuts;
 use crate::footprint::{Lens, Records, SceneView};
 use crate::frame::{Channels, Frame, FrameRows};
-use crate::layers::{Cuts, LayerBuffers, LayerBuilder, depth_tolerances};
+use crate::layers::{LayerBuffers, LayerBuilder, depth_tolerances};
 use crate::observer::{Counts, Observer, Stage};
 use crate::order::{Sorter, gather};
-use crate::raster::SurfelRaster;
+use crate::raster::{KernelLens, Kernels, SurfelLens};
 use crate::resolve::Resolver;
 use crate::scene::{RenderSettings, Scene};
 use crate::shade::Shader;
@@ -62,6 +63,7 @@ struct Drawn {
 struct TileBuffers {
     layers: LayerBuffers,
     cuts: Cuts,
+    kernels: Kernels,
     runs: Runs,
 }
 
@@ -78,7 +80,7 @@ impl Renderer {
     }
 
     /// A renderer that uses the instructions of a level and tiles of the given side in pixels: 8, 16 or 32. A level that
-    /// the processor lacks is [`Level::Scalar`]. Pictures differ by rounding only.
+    /// the processor lacks is [`Level::Baseline`]. Pictures differ by rounding only.
     ///
     /// # Panics
     /// When the side is another.
@@ -120,7 +122,7 @@ impl Renderer {
             (camera.size(), self.tile_side),
             (&mut self.sorter, &mut self.scratch),
         );
-        let fragments = self.draw(scene, camera, settings, observer);
+        let fragments = self.draw(camera, settings, observer);
         let visible = (self.surfaces.records.len() + self.volumes.records.len()) as u64;
         observer.counts(Counts { splats: splats as u64, visible, fragments });
         Ok(&self.frame)
@@ -152,13 +154,7 @@ impl Renderer {
     }
 
     /// Draws the tiles; gives the number of pixels that were evaluated.
-    fn draw(
-        &mut self,
-        scene: &Scene,
-        camera: &Camera,
-        settings: &RenderSettings,
-        observer: &dyn Observer,
-    ) -> u64 {
+    fn draw(&mut self, camera: &Camera, settings: &RenderSettings, observer: &dyn Observer) -> u64 {
         let Self { surfaces, volumes, shaders, depth_tolerances, level, tile_side: side, .. } = self;
         let picture = camera.size().map(|length| length as usize);
         let [columns, rows] = picture.map(|length| length.div_ceil(*side));
@@ -169,21 +165,20 @@ impl Renderer {
         let Records { records, rects, samples, .. } = &surfaces.records;
         let drawer = TileDrawer {
             layers: LayerBuilder {
-                raster: SurfelRaster { records, rects, lens, cutoff, near },
+                records,
+                rects,
                 samples,
+                lens: SurfelLens::new(&lens, near, cutoff),
                 depth_tolerances,
                 spent,
             },
             compositor: Compositor {
                 records: &volumes.records.records,
                 rects: &volumes.records.rects,
-                lens,
-                cutoff,
+                lens: KernelLens { lens, cutoff, least_alpha: settings.tolerance as f32 },
                 near,
                 spent,
-                least_weight: (-0.5 * cutoff).exp(),
                 keeps_depth: settings.channels == Channels::All,
-                least_alpha: settings.tolerance as f32,
             },
             resolver: Resolver {
                 shaders,
@@ -196,7 +191,6 @@ impl Renderer {
             observer,
             level: *level,
         };
-        let _ = scene;
         self.frame.resize(picture, settings.channels);
         let bands: Vec<Mutex<FrameRows>> = self.frame.bands(*side).map(Mutex::new).collect();
         let threads = rayon::current_num_threads().max(1);
@@ -259,7 +253,7 @@ fn watched<T>(observer: &dyn Observer, stage: Stage, run: impl FnOnce() -> T) ->
 
 impl TileBuffers {
     fn new() -> Self {
-        Self { layers: LayerBuffers::new(), cuts: Cuts::new(), runs: Runs::new() }
+        Self { layers: LayerBuffers::default(), cuts: Cuts::new(), kernels: Kernels::NONE, runs: Runs::new() }
     }
 }
 
@@ -281,7 +275,7 @@ impl TileDrawer<'_> {
         band: &Mutex<FrameRows>,
     ) -> u64 {
         let Self { layers: builder, compositor, resolver, observer, level } = self;
-        let TileBuffers { layers, cuts, runs } = buffers;
+        let TileBuffers { layers, cuts, kernels, runs } = buffers;
         let mut count = watched(
             *observer,
             Stage::Layers,
@@ -292,7 +286,7 @@ impl TileDrawer<'_> {
             count += watched(
                 *observer,
                 Stage::Composite,
-                || dispatch!(*level, simd => compositor.add(simd, (tile, volumes), cuts, runs)),
+                || dispatch!(*level, simd => compositor.add(simd, (tile, volumes), cuts, (kernels, runs))),
             );
         }
         watched(*observer, Stage::Resolve, || {

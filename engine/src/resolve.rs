@@ -1,11 +1,11 @@
 //! Stage `resolve`: a tile's cuts and runs to shaded pixels of the frame.
 
 use crate::color::linear_to_srgb;
-use crate::columns::{LANES, Lanes};
-use crate::composite::{Cut, Runs};
+use crate::columns::Lanes;
+use crate::composite::Runs;
+use crate::cuts::{Cut, Cuts};
 use crate::footprint::{Lens, Record, SurfaceSample};
 use crate::frame::{Channels, Frame, FrameRows};
-use crate::layers::Cuts;
 use crate::scene::{Blend, RenderSettings};
 use crate::shade::Shader;
 use crate::simd::*;
@@ -72,14 +72,16 @@ impl Resolver<'_> {
         rows: &mut FrameRows,
     ) {
         let background = self.background(simd);
-        for strip in 0..tile.strips() {
-            let columns = tile.columns(strip);
-            for (row, cell) in tile.strip(strip).enumerate() {
-                let seen = self.cell(simd, tile, cell, (cuts, runs));
-                let place = rows.place(tile.origin[0] + strip * LANES, row);
+        for block in tile.visible_blocks() {
+            let [columns, height] = tile.visible(block);
+            let [left, top] = tile.corner(block);
+            for row in 0..height {
+                let seen = self.row(simd, tile, (block, row), (cuts, runs));
+                let place = rows.place(tile.origin[0] + left, top + row);
                 self.store_color(simd, seen, background, &mut rows.color[place..place + columns]);
                 if rows.channels == Channels::All {
-                    self.store_rest(seen, cuts.cell(cell).next(), columns, (place, rows));
+                    let first = cuts.layers(block).next().unwrap_or(&Cut::NONE);
+                    self.store_rest(seen, (first, row), columns, (place, rows));
                 }
             }
         }
@@ -87,28 +89,36 @@ impl Resolver<'_> {
 
     /// run₀ ∘ cut₁ ∘ run₁ ∘ … ∘ run_K.
     #[inline(always)]
-    fn cell<S: Simd>(
+    fn row<S: Simd>(
         &self,
         simd: S,
         tile: Tile,
-        cell: usize,
+        (block, row): (usize, usize),
         (cuts, runs): (&Cuts, Option<&Runs>),
     ) -> Seen<S> {
+        let read = |lanes: Lanes| V::simd_from(simd, lanes);
         let run = |segment: usize| {
-            let cell = runs.map_or(&crate::tile::Cell::CLEAR, |runs| runs.cell(segment, cell));
-            let read = |lanes: Lanes| V::simd_from(simd, lanes);
-            Seen { color: cell.color.each(read), depth: read(cell.depth), opacity: read(cell.opacity) }
+            let block = runs.map_or(&crate::composite::Seen::CLEAR, |runs| runs.block(segment, block));
+            Seen {
+                color: block.color.each(
+                    #[inline(always)]
+                    |plane| read(plane[row]),
+                ),
+                depth: read(block.depth[row]),
+                opacity: read(block.opacity[row]),
+            }
         };
+        let segments = if runs.is_some() { cuts.block(block).segments } else { 1 };
         let mut seen = run(0);
-        for (layer, cut) in cuts.cell(cell).enumerate() {
-            let alpha = V::simd_from(simd, cut.alpha);
+        for (layer, cut) in cuts.layers(block).enumerate() {
+            let alpha = read(cut.alpha[row]);
             let found = alpha.simd_gt(splat(simd, 0.0));
             if found.any_true() {
-                let depth = keep(simd, found, V::simd_from(simd, cut.depth));
-                let color = self.shade(simd, (tile, cell), cut, depth);
+                let depth = keep(simd, found, read(cut.depth[row]));
+                let color = self.shade(simd, (tile, block), (cut, row), depth);
                 seen = seen.over(simd, Seen::layer(color, depth, alpha));
             }
-            if runs.is_some() {
+            if layer + 1 < segments {
                 seen = seen.over(simd, run(layer + 1));
             }
         }
@@ -117,25 +127,31 @@ impl Resolver<'_> {
 
     /// Light on a layer, by the materials of its clouds.
     #[inline(always)]
-    fn shade<S: Simd>(&self, simd: S, (tile, cell): (Tile, usize), cut: &Cut, depth: V<S>) -> V3<S> {
+    fn shade<S: Simd>(
+        &self,
+        simd: S,
+        (tile, block): (Tile, usize),
+        (cut, row): (&Cut, usize),
+        depth: V<S>,
+    ) -> V3<S> {
         let base = cut.color.each(
             #[inline(always)]
-            |lanes| V::simd_from(simd, lanes),
+            |plane| V::simd_from(simd, plane[row]),
         );
         if !self.settings.shade {
             return base;
         }
-        let first = tile.first_center(cell);
+        let first = tile.first_center(block, row);
         let position = self.lens.positions(simd, lane_numbers(simd) + first.x as f32, first.y as f32, depth);
         let normal = cut.normal.each(
             #[inline(always)]
-            |lanes| V::simd_from(simd, lanes),
+            |plane| V::simd_from(simd, plane[row]),
         );
         let cloud_of = |record: u32| match record {
             Cut::NO_RECORD => None,
             index => Some(self.records[index as usize].tag.cloud),
         };
-        let clouds = cut.record.each(cloud_of);
+        let clouds = cut.record[row].each(cloud_of);
         let mut color = splat3(simd, [0.0; 3]);
         for (lane, cloud) in clouds.iter().enumerate() {
             let Some(cloud) = *cloud else { continue };
@@ -194,20 +210,19 @@ impl Resolver<'_> {
     fn store_rest<S: Simd>(
         &self,
         seen: Seen<S>,
-        first: Option<&Cut>,
+        (first, row): (&Cut, usize),
         columns: usize,
         (place, rows): (usize, &mut FrameRows),
     ) {
         let (depth, opacity): (Lanes, Lanes) = (seen.depth.into(), seen.opacity.into());
-        let first = first.unwrap_or(&Cut::NONE);
         for lane in 0..columns {
             let place = place + lane;
             rows.expected_depth[place] =
                 if opacity[lane] > 0.0 { depth[lane] / opacity[lane] } else { f32::INFINITY };
-            rows.depth[place] = first.depth[lane];
-            let normal = glam::Vec3::from(first.normal.map(|lanes| lanes[lane]));
+            rows.depth[place] = first.depth[row][lane];
+            let normal = glam::Vec3::from(first.normal.map(|plane| plane[row][lane]));
             rows.normal[place] = (self.camera_to_world * normal.as_dvec3()).as_vec3().to_array();
-            rows.id[place] = match first.record[lane] {
+            rows.id[place] = match first.record[row][lane] {
                 Cut::NO_RECORD => Frame::NO_ID,
                 index => self.samples[index as usize].id,
             };

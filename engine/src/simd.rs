@@ -4,76 +4,76 @@
 //! a·b + c is rounded once or twice.
 
 pub(crate) use fearless_simd::prelude::*;
-pub(crate) use fearless_simd::{Simd, f32x4, f32x8, i32x8, mask32x8, u32x8};
+pub(crate) use fearless_simd::{Simd, f32x4, f32x8, f32x16, i32x8, mask32x8, mask32x16, u32x8, u32x16};
 
 /// Sets of instructions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
-    /// What every processor of the architecture has.
-    Scalar,
+    /// What every processor of the architecture has: SSE2 on x86-64, NEON on 64-bit ARM, elsewhere no SIMD.
+    Baseline,
     /// AVX2 and FMA on x86-64.
     Avx2,
     /// AVX-512 as of Ice Lake on x86-64.
     Avx512,
-    /// NEON on 64-bit ARM.
-    Neon,
 }
 
 impl Level {
     /// All levels.
-    pub const ALL: [Self; 4] = [Self::Scalar, Self::Avx2, Self::Avx512, Self::Neon];
+    pub const ALL: [Self; 3] = [Self::Baseline, Self::Avx2, Self::Avx512];
 
     /// The fastest level of this processor.
     pub fn best() -> Self {
         let is_available = |level: &&Self| level.is_available();
-        *Self::ALL.iter().rev().find(is_available).unwrap_or(&Self::Scalar)
+        *Self::ALL.iter().rev().find(is_available).unwrap_or(&Self::Baseline)
     }
 
     /// Whether this processor has it.
     pub fn is_available(self) -> bool {
-        self == Self::Scalar || !matches!(self.token(), Token::Scalar(_))
+        self == Self::Baseline || !matches!(self.token(), Token::Baseline(_))
     }
 
-    /// The proof that the processor has a level; of one that it lacks, the scalar one's.
+    /// The proof that the processor has a level; of one that it lacks, the baseline's.
     pub(crate) fn token(self) -> Token {
         #[cfg(target_arch = "x86_64")]
         {
             let found = fearless_simd::Level::new();
             match self {
+                Self::Baseline => None,
                 Self::Avx2 => found.as_avx2().map(Token::Avx2),
                 Self::Avx512 => found.as_avx512().map(Token::Avx512),
-                _ => None,
             }
-            .unwrap_or(Token::Scalar(fearless_simd::Fallback::new()))
+            .unwrap_or_else(|| Token::Baseline(found.as_sse2().expect("x86-64 has SSE2")))
         }
         #[cfg(target_arch = "aarch64")]
-        {
-            let neon = (self == Self::Neon).then(|| fearless_simd::Level::new().as_neon()).flatten();
-            neon.map_or(Token::Scalar(fearless_simd::Fallback::new()), Token::Neon)
-        }
+        return Token::Baseline(fearless_simd::Level::new().as_neon().expect("64-bit ARM has NEON"));
         #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-        Token::Scalar(fearless_simd::Fallback::new())
+        Token::Baseline(fearless_simd::Fallback::new())
     }
 }
+
+#[cfg(target_arch = "x86_64")]
+type Baseline = fearless_simd::Sse2;
+#[cfg(target_arch = "aarch64")]
+type Baseline = fearless_simd::Neon;
+#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+type Baseline = fearless_simd::Fallback;
 
 /// See [`Level::token`].
 #[derive(Clone, Copy)]
 pub(crate) enum Token {
-    Scalar(fearless_simd::Fallback),
+    Baseline(Baseline),
     #[cfg(target_arch = "x86_64")]
     Avx2(fearless_simd::Avx2),
     #[cfg(target_arch = "x86_64")]
     Avx512(fearless_simd::Avx512),
-    #[cfg(target_arch = "aarch64")]
-    Neon(fearless_simd::Neon),
 }
 
 /// Evaluates an expression with the instructions of a level; `$simd` is its token. What it calls must be
-/// `#[inline(always)]` to be compiled for the level.
+/// `#[inline(always)]` to be compiled for the level, or [`apart`].
 macro_rules! dispatch {
     ($level:expr, $simd:ident => $op:expr) => {
         match $crate::simd::Level::token($level) {
-            $crate::simd::Token::Scalar($simd) => $op,
+            $crate::simd::Token::Baseline($simd) => $op,
             #[cfg(target_arch = "x86_64")]
             $crate::simd::Token::Avx2($simd) => $crate::simd::Simd::vectorize(
                 $simd,
@@ -86,16 +86,17 @@ macro_rules! dispatch {
                 #[inline(always)]
                 || $op,
             ),
-            #[cfg(target_arch = "aarch64")]
-            $crate::simd::Token::Neon($simd) => $crate::simd::Simd::vectorize(
-                $simd,
-                #[inline(always)]
-                || $op,
-            ),
         }
     };
 }
 pub(crate) use dispatch;
+
+/// A part of a computation that becomes a function of its own: everything else is inlined, and what is long and rare
+/// would make a compiler slow and the rest's registers few.
+#[inline(never)]
+pub(crate) fn apart<S: Simd, R>(simd: S, part: impl FnOnce() -> R) -> R {
+    simd.vectorize(part)
+}
 
 /// As `array::map`, but inlined wherever it is used: SIMD that is called through a function is slow.
 pub(crate) trait Each<T, const N: usize> {
@@ -129,6 +130,8 @@ impl_each! {
 pub(crate) type V<S> = f32x8<S>;
 /// Eight answers.
 pub(crate) type M<S> = mask32x8<S>;
+/// Sixteen numbers: one register where the processor has such, else two.
+pub(crate) type W<S> = f32x16<S>;
 
 /// Reads numbers, changes them and writes them back, `rounds` times: what blending does to memory and nothing else.
 /// The time that it takes on a buffer the size of a tile is the least that rasterization can take.
@@ -159,49 +162,60 @@ pub(crate) fn keep<S: Simd>(simd: S, mask: M<S>, x: V<S>) -> V<S> {
     mask.select(x, splat(simd, 0.0))
 }
 
-/// Adds a · b to numbers in memory.
-#[inline(always)]
-pub(crate) fn add_product<S: Simd>(simd: S, lanes: &mut [f32; 8], a: V<S>, b: V<S>) {
-    *lanes = a.mul_add(b, V::simd_from(simd, *lanes)).into();
-}
+/// Any count of numbers at once.
+pub(crate) trait Floats<S: Simd>: SimdFloat<S, Element = f32> {}
+
+impl<S: Simd, F: SimdFloat<S, Element = f32>> Floats<S> for F {}
 
 /// c₀ + x (c₁ + x (c₂ + …)).
 #[inline(always)]
-fn polynomial<S: Simd, const N: usize>(simd: S, x: V<S>, coefficients: [f32; N]) -> V<S> {
-    let mut sum = splat(simd, coefficients[N - 1]);
+pub(crate) fn polynomial<S: Simd, F: Floats<S>, const N: usize>(simd: S, x: F, coefficients: [f32; N]) -> F {
+    let mut sum = F::simd_from(simd, coefficients[N - 1]);
     for c in coefficients[..N - 1].iter().rev() {
-        sum = sum.mul_add(x, splat(simd, *c));
+        sum = sum.mul_add(x, F::simd_from(simd, *c));
     }
     sum
 }
 
 /// e^x for −86 ≤ x ≤ 87 within (4 + 1.2 |x|) 1e-7 of itself; outside e^{−86} or e^{87}.
 #[inline(always)]
-pub(crate) fn exp<S: Simd>(simd: S, x: V<S>) -> V<S> {
+pub(crate) fn exp<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
     // Subnormal numbers take a processor a hundred times as long.
-    let x = x.max(splat(simd, -86.0)).min(splat(simd, 87.0));
+    let x = x.max(F::simd_from(simd, -86.0)).min(F::simd_from(simd, 87.0));
     exp2_within(simd, x * std::f32::consts::LOG2_E)
 }
 
-/// 2^t for −126 ≤ t ≤ 127.
+/// 2^t for −126 ≤ t ≤ 127, within 4e-7 of itself; outside any bits.
 #[inline(always)]
-fn exp2_within<S: Simd>(simd: S, t: V<S>) -> V<S> {
-    let whole = t.round_ties_even();
-    const COEFFICIENTS: [f32; 6] =
-        [1.000_000_1, 0.693_146_94, 0.240_221_2, 0.055_507_13, 0.009_675_541, 0.001_327_647_2];
-    let p = polynomial(simd, t - whole, COEFFICIENTS);
-    let exponent = (whole.to_int::<i32x8<S>>() + 127) << 23;
-    p * f32x8::from_bits(exponent.bitcast())
+pub(crate) fn exp2_within<S: Simd, F: Floats<S>>(simd: S, t: F) -> F {
+    exp2_by(simd, t, [1.000_000_1, 0.693_146_94, 0.240_221_2, 0.055_507_13, 0.009_675_541, 0.001_327_647_2])
+}
+
+/// As [`exp2_within`], within 3e-6 of itself.
+#[inline(always)]
+pub(crate) fn exp2_coarse<S: Simd, F: Floats<S>>(simd: S, t: F) -> F {
+    exp2_by(simd, t, [0.999_999_3, 0.693_121_8, 0.240_247_44, 0.055_917_86, 0.009_570_102])
+}
+
+/// 2^t from a polynomial that is 2^x for |x| ≤ ½.
+#[inline(always)]
+fn exp2_by<S: Simd, F: Floats<S>, const N: usize>(simd: S, t: F, coefficients: [f32; N]) -> F {
+    // Added to, 1.5·2²³ rounds to whole numbers and holds them in its lowest bits.
+    const ROUND: f32 = 12_582_912.0;
+    let whole = t + ROUND;
+    let p = polynomial(simd, t - (whole - ROUND), coefficients);
+    F::from_bits(p.to_bits() + (whole.to_bits() << 23))
 }
 
 /// log₂ x for normal x > 0, within 2e-7 + 1e-7 |log₂ x|.
 #[inline(always)]
-pub(crate) fn log2<S: Simd>(simd: S, x: V<S>) -> V<S> {
+pub(crate) fn log2<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
     // x = 2^n m with ½√2 ≤ m < √2; log m = 2 artanh((m − 1)/(m + 1)).
     const HALF_ROOT: u32 = 0x3f35_04f3;
-    let bits: i32x8<S> = x.bitcast();
-    let exponent = (bits - HALF_ROOT as i32) >> 23;
-    let m: V<S> = (bits - (exponent << 23)).bitcast();
+    // n + 127 in the eight lowest bits of 2²³, which is a number then.
+    let shifted = x.to_bits() + (0x3f80_0000 - HALF_ROOT);
+    let exponent = F::from_bits((shifted >> 23_u32) | 0x4b00_0000) - (8_388_608.0 + 127.0);
+    let m = F::from_bits((shifted & 0x007f_ffff) + HALF_ROOT);
     let s = (m - 1.0) / (m + 1.0);
     const TWO_OVER_LN2: f32 = 2.0 * std::f32::consts::LOG2_E;
     let odd = polynomial(
@@ -209,7 +223,7 @@ pub(crate) fn log2<S: Simd>(simd: S, x: V<S>) -> V<S> {
         s * s,
         [TWO_OVER_LN2, TWO_OVER_LN2 / 3.0, TWO_OVER_LN2 / 5.0, TWO_OVER_LN2 / 7.0, TWO_OVER_LN2 / 9.0],
     );
-    s.mul_add(odd, exponent.to_float::<V<S>>())
+    s.mul_add(odd, exponent)
 }
 
 /// x^e for x ≥ 0 and a finite e ≥ 0, within (4 + 4 e (1 + |log x|)) 1e-7 of itself; 0 for x < 1e-37 unless e is 0.
@@ -225,32 +239,33 @@ pub(crate) fn pow<S: Simd>(simd: S, x: V<S>, e: f32) -> V<S> {
 
 /// The opacity 1 − e^{−τ} of an optical depth τ ≥ 0, within 1e-6 of itself however small τ is.
 #[inline(always)]
-pub(crate) fn opacity<S: Simd>(simd: S, optical_depth: V<S>) -> V<S> {
+pub(crate) fn opacity<S: Simd, F: Floats<S>>(simd: S, optical_depth: F) -> F {
     let t = optical_depth;
     // The series up to t⁷ errs by t⁷/40320 of itself.
     const SERIES: [f32; 7] =
         [1.0, -1.0 / 2.0, 1.0 / 6.0, -1.0 / 24.0, 1.0 / 120.0, -1.0 / 720.0, 1.0 / 5040.0];
     let thin = t * polynomial(simd, t, SERIES);
-    let thick = splat(simd, 1.0) - exp(simd, -t);
-    t.simd_lt(splat(simd, 0.5)).select(thin, thick)
+    let thick = F::simd_from(simd, 1.0) - exp(simd, -t);
+    t.simd_lt(F::simd_from(simd, 0.5)).select(thin, thick)
 }
 
 /// The optical depth −ln(1 − α) of an opacity 0 ≤ α < 1, within 3e-7 + 3e-7 τ.
 #[inline(always)]
-pub(crate) fn optical_depth<S: Simd>(simd: S, opacity: V<S>) -> V<S> {
-    log2(simd, splat(simd, 1.0) - opacity) * -std::f32::consts::LN_2
+pub(crate) fn optical_depth<S: Simd, F: Floats<S>>(simd: S, opacity: F) -> F {
+    log2(simd, F::simd_from(simd, 1.0) - opacity) * -std::f32::consts::LN_2
 }
 
 /// Φ(x), within 3e-7: Abramowitz, Stegun, *Handbook of mathematical functions*, 1964, 26.2.17.
 #[inline(always)]
-pub(crate) fn normal_cdf<S: Simd>(simd: S, x: V<S>) -> V<S> {
+pub(crate) fn normal_cdf<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
     // Beyond nine it is 0 or 1 to f32.
-    let away = x.abs().min(splat(simd, 9.0));
-    let t = splat(simd, 1.0) / away.mul_add(splat(simd, 0.231_641_9), splat(simd, 1.0));
+    let away = x.abs().min(F::simd_from(simd, 9.0));
+    let one = F::simd_from(simd, 1.0);
+    let t = one / away.mul_add(F::simd_from(simd, 0.231_641_9), one);
     const SERIES: [f32; 5] = [0.319_381_54, -0.356_563_78, 1.781_477_9, -1.821_256, 1.330_274_4];
     const PEAK: f32 = 0.398_942_3;
     let tail = exp(simd, away * away * -0.5) * PEAK * t * polynomial(simd, t, SERIES);
-    x.simd_lt(splat(simd, 0.0)).select(tail, splat(simd, 1.0) - tail)
+    x.simd_lt(F::simd_from(simd, 0.0)).select(tail, one - tail)
 }
 
 /// As [`crate::color::linear_to_srgb`], within 2e-6.
@@ -275,7 +290,7 @@ pub(crate) fn srgb_to_linear<S: Simd>(simd: S, encoded: V<S>) -> V<S> {
 pub(crate) type V3<S> = [V<S>; 3];
 
 #[inline(always)]
-pub(crate) fn dot<S: Simd>(a: V3<S>, b: V3<S>) -> V<S> {
+pub(crate) fn dot<S: Simd, F: Floats<S>>(a: [F; 3], b: [F; 3]) -> F {
     a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
 }
 
@@ -294,9 +309,10 @@ pub(crate) fn splat3<S: Simd>(simd: S, v: [f32; 3]) -> V3<S> {
 
 /// The unit vector along v; zero where v is next to nothing.
 #[inline(always)]
-pub(crate) fn normalize_or_zero<S: Simd>(simd: S, v: V3<S>) -> V3<S> {
+pub(crate) fn normalize_or_zero<S: Simd, F: Floats<S>>(simd: S, v: [F; 3]) -> [F; 3] {
+    let (zero, one) = (F::simd_from(simd, 0.0), F::simd_from(simd, 1.0));
     let squared = dot(v, v);
-    let scale = keep(simd, squared.simd_gt(splat(simd, 1e-36)), splat(simd, 1.0) / squared.sqrt());
+    let scale = squared.simd_gt(F::simd_from(simd, 1e-36)).select(one / squared.sqrt(), zero);
     v.each(
         #[inline(always)]
         |x| x * scale,
@@ -335,6 +351,7 @@ mod tests {
     fn functions_keep_their_errors() {
         check!("exp", |simd, v| exp(simd, v), f64::exp, steps(-85.9, 86.9), |x: f64, y: f64| y
             * (4e-7 + 1.2e-7 * x.abs()));
+        check!("exp2", |simd, v| exp2_coarse(simd, v), f64::exp2, steps(-125.9, 126.9), |_, y: f64| y * 3e-6);
         let wide: Vec<f32> = steps(-37.0, 37.0).into_iter().map(|e| 10f32.powf(e)).collect();
         check!("log2", |simd, v| log2(simd, v), f64::log2, wide, |_, y: f64| 2e-7 + 1e-7 * y.abs());
         let thin: Vec<f32> = steps(-8.0, 2.0).into_iter().map(|e| 10f32.powf(e)).collect();
@@ -371,6 +388,6 @@ mod tests {
 
     #[test]
     fn a_level_is_found() {
-        assert!(Level::best().is_available() && Level::Scalar.is_available());
+        assert!(Level::best().is_available() && Level::Baseline.is_available());
     }
 }

@@ -298,7 +298,7 @@ fn check(setup: &Setup, splats: &[Seen]) -> Result<(), TestCaseError> {
         camera: &camera,
         settings: &setup.settings,
         shaders: &shaders,
-        level: Level::Scalar,
+        level: Level::Baseline,
     };
     let projector = view.projector(0);
     let cloud = projector.cloud;
@@ -522,10 +522,10 @@ fn what_is_fainter_than_the_tolerance_is_not_drawn() {
     let shaders = [Shader::new(&scene, &camera, Material::default())];
     let settings = &setup.settings;
     let view =
-        SceneView { scene: &scene, camera: &camera, settings, shaders: &shaders, level: Level::Scalar };
+        SceneView { scene: &scene, camera: &camera, settings, shaders: &shaders, level: Level::Baseline };
     let projector = view.projector(0);
     let middle = projector.cloud.center(0);
-    assert!(wide(Level::Scalar, &projector, middle, false)[0].is_none(), "the wide projection shows it");
+    assert!(wide(Level::Baseline, &projector, middle, false)[0].is_none(), "the wide projection shows it");
     if let Some(shown) = projector.project_splat(0, 0) {
         panic!("the scalar projection shows it in {:?}", shown.rect);
     }

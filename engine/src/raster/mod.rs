@@ -1,15 +1,13 @@
-//! Stage `raster`: a tile's records to amplitudes at its pixels, eight pixels at a time.
+//! Stage `raster`: a tile's records to amplitudes at its pixels, a block of 8×8 at a time.
 //!
-//! A record is drawn strip by strip: columns of eight pixels, down the rows that its ellipse meets. In the affine
-//! form e^{−r/2} is a Gaussian of the row, so from one row to the next it is multiplied by a ratio, and the ratio by
-//! a constant: two exponentials a strip, two multiplications a row. The exact form takes its formula row by row.
+//! Records are taken in batches. First it is found which blocks each ellipse meets; then each block takes its records
+//! one after the other, and keeps meanwhile in registers what they make of its pixels.
 
-mod ellipse;
-mod exact;
-mod recurrence;
+mod kernel;
+mod offsets;
+mod outline;
 mod surfel;
 
-pub(crate) use ellipse::StripRows;
-pub(crate) use exact::{ExactRows, ray_lengths};
-pub(crate) use recurrence::Recurrence;
-pub(crate) use surfel::{Needs, Sample, SurfelRaster};
+pub(crate) use kernel::{Fragments, KernelLens, Kernels, Places, REACH};
+pub(crate) use outline::BATCH;
+pub(crate) use surfel::{Sample, SurfelLens, Surfels};

@@ -1,245 +1,315 @@
-//! Surface records: samples with a plane, block by block.
+//! Surface records to samples with a plane at the pixels of a block.
 
-use super::{ExactRows, StripRows};
+use super::offsets::{ExactBlock, HALF_LOG2_E, ROOT_HALF_LOG2_E};
+use super::outline::{BATCH, BlockMasks, Column, Outlines, add_rect};
 use crate::camera::Projection;
 use crate::footprint::{Form, Lens, Record, Rect};
 use crate::simd::*;
-use crate::tile::{BLOCK_ROWS, Tile};
+use crate::tile::{BLOCK_SIDE, Block, MAX_BLOCKS, Tile};
 
 /// The steepest slope dz/dx that a surfel's plane is followed along: 88°.
 const STEEPEST: f32 = 30.0;
 
-/// What rasterizing surface records needs.
-pub(crate) struct SurfelRaster<'a> {
-    pub(crate) records: &'a [Record],
-    pub(crate) rects: &'a [Rect],
-    pub(crate) lens: Lens,
-    pub(crate) cutoff: f32,
-    pub(crate) near: f32,
-}
-
-/// A record with what follows from it.
-pub(crate) struct Surfel<'a> {
-    pub(crate) record: &'a Record,
-    rect: &'a Rect,
-    cutoff: f32,
+/// What surface records share.
+#[derive(Clone, Copy)]
+pub(crate) struct SurfelLens {
     near: f32,
+    cutoff: f32,
     is_perspective: bool,
-    /// Change of n·v a pixel, over n·v at the mean; 0 where the surfel is seen edge-on.
-    tilt: [f32; 2],
-    /// The plane is followed no further than this.
+    /// The plane is followed no further than this, for a ζ of 1.
     farthest_offset: f32,
+}
+
+impl SurfelLens {
+    pub(crate) fn new(lens: &Lens, near: f32, cutoff: f32) -> Self {
+        let filter_reach = cutoff.sqrt() * (lens.low_pass / lens.focal.min_element()) as f32;
+        let is_perspective = lens.projection == Projection::Perspective;
+        Self { near, cutoff, is_perspective, farthest_offset: STEEPEST * filter_reach }
+    }
+
     /// d_z, or 1 where rays are parallel.
-    zeta: f32,
+    #[inline(always)]
+    fn zeta<S: Simd>(&self, simd: S, depth: W<S>) -> W<S> {
+        if self.is_perspective { depth } else { W::simd_from(simd, 1.0) }
+    }
 }
 
-/// What a block of 8×8 pixels still needs.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Needs {
-    /// A bit for each row that has pixels to which samples matter.
-    pub(crate) rows: u8,
-    /// Samples whose spans begin at most this deep, less 3σ_z, belong to layers that are done.
-    pub(crate) done: f32,
-    /// Samples whose spans begin behind this matter no more.
-    pub(crate) farthest: f32,
+/// Surface records of a tile, as many as go together, and what follows from them.
+#[repr(C, align(64))]
+pub(crate) struct Surfels {
+    outlines: Outlines,
+    depth: Column,
+    depth_slope: [Column; 2],
+    sigma_z: Column,
+    /// n·v over the coverage floor; negative where the front is seen.
+    facing: Column,
+    /// Change of n·v a pixel, over n·v at the mean; 0 where the surfel is seen edge-on.
+    tilt: [Column; 2],
+    /// And not divided, for the exact form.
+    facing_slope: [Column; 2],
+    pub(crate) tolerance: Column,
+    pub(crate) index: [u32; BATCH],
+    /// Those in the exact form.
+    exact: u64,
+    /// Those that each block needs.
+    pub(crate) masks: BlockMasks,
 }
 
-/// A surface at eight pixels, seen by one splat.
+/// Surfaces at the pixels of a block, seen by one splat.
 pub(crate) struct Sample<S: Simd> {
     /// Where the pixel is within the cut-off and behind the near plane.
-    pub(crate) inside: M<S>,
+    pub(crate) inside: [mask32x16<S>; 4],
     /// z of the densest point.
-    pub(crate) depth: V<S>,
-    /// The surfel's plane at the pixel lies this much deeper. Zero for a surfel that fills the pixel's
-    /// filter; for a smaller one the filter sees it where it is, and its plane somewhere else.
-    offset: V<S>,
-    /// 3σ_z.
-    reach: V<S>,
-    /// −r/2.
-    exponent: V<S>,
-    /// Coverage over the cloud's floor where r is 0.
-    peak: V<S>,
-    /// Where the splat shows its back.
-    pub(crate) faces_away: M<S>,
+    pub(crate) depth: Block<S>,
+    /// −kr.
+    exponent: Block<S>,
+    /// 1/√den.
+    scale: Option<Block<S>>,
 }
 
-impl<S: Simd> Sample<S> {
-    /// The near end of its span, and 3σ_z before it.
-    #[inline(always)]
-    pub(crate) fn nearest(&self) -> V<S> {
-        self.depth + self.offset.min(self.offset * 0.0) - self.reach
-    }
-
-    /// The far end of its span.
-    #[inline(always)]
-    pub(crate) fn farthest(&self) -> V<S> {
-        self.depth + self.offset.max(self.offset * 0.0)
-    }
-
-    /// Coverage over the cloud's floor where the mask is set, 0 elsewhere.
-    #[inline(always)]
-    pub(crate) fn weight(&self, simd: S, mask: M<S>) -> V<S> {
-        keep(simd, mask, exp(simd, self.exponent)) * self.peak
-    }
+/// The depths of samples, from where they are seen to where the surfel's plane passes the pixel.
+pub(crate) struct Spans<S: Simd> {
+    /// The near end, and 3σ_z before it.
+    pub(crate) nearest: Block<S>,
+    /// The far end.
+    pub(crate) farthest: Block<S>,
 }
 
-impl SurfelRaster<'_> {
+impl Surfels {
+    pub(crate) const NONE: Self = Self {
+        outlines: Outlines::NONE,
+        depth: [1.0; BATCH],
+        depth_slope: [[0.0; BATCH]; 2],
+        sigma_z: [0.0; BATCH],
+        facing: [0.0; BATCH],
+        tilt: [[0.0; BATCH]; 2],
+        facing_slope: [[0.0; BATCH]; 2],
+        tolerance: [0.0; BATCH],
+        index: [0; BATCH],
+        exact: 0,
+        masks: [0; MAX_BLOCKS],
+    };
+
+    /// Takes in up to [`BATCH`] records of a tile, with their rectangles and depth tolerances.
     #[inline(always)]
-    pub(crate) fn surfel(&self, index: u32) -> Surfel<'_> {
-        let (record, rect) = (&self.records[index as usize], &self.rects[index as usize]);
-        let is_perspective = self.lens.projection == Projection::Perspective;
-        let zeta = if is_perspective { record.depth } else { 1.0 };
-        let filter_reach = self.cutoff.sqrt() * (self.lens.low_pass / self.lens.focal.min_element()) as f32;
-        let tilt = [0, 1].each(
+    pub(crate) fn fill<'a, S: Simd>(
+        &mut self,
+        simd: S,
+        (tile, lens): (Tile, &SurfelLens),
+        records: impl Iterator<Item = (u32, &'a Record, f32)>,
+        rects: &[Rect],
+    ) {
+        let origin = tile.origin.each(
             #[inline(always)]
-            |axis| {
-                let tilt = record.amplitude_slope[axis] / record.amplitude;
-                if tilt.is_finite() { tilt } else { 0.0 }
-            },
+            |pixel| pixel as f32 + 0.5,
         );
-        Surfel {
-            record,
-            rect,
-            cutoff: self.cutoff,
-            near: self.near,
-            is_perspective,
-            tilt,
-            farthest_offset: STEEPEST * filter_reach * zeta.abs(),
-            zeta,
+        self.exact = 0;
+        self.outlines.end = [lens.cutoff * HALF_LOG2_E; BATCH];
+        let mut count = 0;
+        for (number, (index, record, tolerance)) in records.enumerate().take(BATCH) {
+            for axis in 0..2 {
+                self.outlines.mean[axis][number] = record.mean[axis] - origin[axis];
+                self.depth_slope[axis][number] = record.depth_slope[axis];
+                self.facing_slope[axis][number] = record.amplitude_slope[axis];
+                let tilt = record.amplitude_slope[axis] / record.amplitude;
+                self.tilt[axis][number] = if tilt.is_finite() { tilt } else { 0.0 };
+            }
+            for (column, root) in self.outlines.root.iter_mut().zip(record.conic_root) {
+                column[number] = root * ROOT_HALF_LOG2_E;
+            }
+            self.depth[number] = record.depth;
+            self.sigma_z[number] = record.sigma_z;
+            self.facing[number] = record.amplitude;
+            self.tolerance[number] = tolerance;
+            self.index[number] = index;
+            self.exact |= u64::from(record.tag.form == Form::Exact) << number;
+            count = number + 1;
+        }
+        self.masks = self.outlines.meet(simd, tile, count);
+        let listed = u64::MAX.checked_shr((BATCH - count) as u32).unwrap_or(0);
+        for mask in &mut self.masks {
+            *mask &= listed & !self.exact;
+        }
+        for number in (0..count).filter(|number| self.exact >> number & 1 != 0) {
+            add_rect(&mut self.masks, number, &rects[self.index[number] as usize], tile);
         }
     }
-}
 
-impl Surfel<'_> {
-    /// Whether a sample can show the front, and the back: in the affine form only one.
+    /// Whether a record is in the exact form.
     #[inline(always)]
-    pub(crate) fn shows_front(&self) -> bool {
-        self.record.tag.form == Form::Exact || self.record.amplitude <= 0.0
+    pub(crate) fn is_exact(&self, number: usize) -> bool {
+        self.exact >> number & 1 != 0
     }
 
+    /// Whether its centre shows the back.
     #[inline(always)]
-    pub(crate) fn shows_back(&self) -> bool {
-        self.record.tag.form == Form::Exact || self.record.amplitude > 0.0
+    pub(crate) fn faces_away(&self, number: usize) -> bool {
+        self.facing[number] > 0.0
     }
 
-    /// Calls `take` with each cell of a tile that the record meets and the samples there, where blocks may need them.
-    /// Gives the number of pixels.
+    /// A record at a block's pixels.
     #[inline(always)]
-    pub(crate) fn draw<S: Simd>(
+    pub(crate) fn sample<S: Simd>(
         &self,
         simd: S,
-        tile: Tile,
-        needs: &[Needs],
-        mut take: impl FnMut(usize, Sample<S>),
-    ) -> u64 {
-        let record = self.record;
-        let blocks = tile.side / BLOCK_ROWS;
-        let mut rows_drawn = 0;
-        for (strip, rows) in StripRows::new(simd, record, self.rect, tile, self.cutoff).into_iter() {
-            let x = (tile.origin[0] + strip * 8) as f32 + 0.5 - record.mean[0];
-            let top = tile.origin[1] as f32 + 0.5 - record.mean[1];
-            let u = lane_numbers(simd) + x;
-            for block in rows.start / BLOCK_ROWS..rows.end.div_ceil(BLOCK_ROWS) {
-                let first = block * BLOCK_ROWS;
-                let needs = &needs[strip * blocks + block];
-                let [nearest, farthest] = self.spans([x, top + first as f32]);
-                if nearest > needs.farthest || farthest <= needs.done {
-                    continue;
-                }
-                let from = rows.start.max(first) - first;
-                let to = rows.end.min(first + BLOCK_ROWS) - first;
-                let mut wanted = u32::from(needs.rows) & ((1 << to) - (1 << from));
-                rows_drawn += u64::from(wanted.count_ones());
-                while wanted != 0 {
-                    let row = first + wanted.trailing_zeros() as usize;
-                    wanted &= wanted - 1;
-                    let v = top + row as f32;
-                    let sample = if record.tag.form == Form::Exact {
-                        self.exact_sample(simd, u, v)
-                    } else {
-                        self.affine_sample(simd, u, v)
-                    };
-                    take(strip * tile.side + row, sample);
-                }
+        number: usize,
+        pixels: [W<S>; 2],
+        lens: &SurfelLens,
+    ) -> Sample<S> {
+        let offsets = self.outlines.offsets(simd, number, pixels);
+        let slope = [self.depth_slope[0][number], self.depth_slope[1][number]];
+        let (exponent, depth, scale) = if self.is_exact(number) {
+            let plane = (self.depth[number], slope, self.sigma_z[number]);
+            let ExactBlock { exponent, depth, scale } = ExactBlock::new(simd, &offsets, plane);
+            (exponent, depth, Some(scale))
+        } else {
+            let exponent = [0, 1, 2, 3].each(
+                #[inline(always)]
+                |i| offsets.exponent(i),
+            );
+            (exponent, offsets.linear(simd, self.depth[number], slope), None)
+        };
+        let (end, near) = (W::simd_from(simd, -self.outlines.end[number]), W::simd_from(simd, lens.near));
+        let mut inside = [0, 1, 2, 3].each(
+            #[inline(always)]
+            |i| exponent[i].simd_ge(end) & depth[i].simd_gt(near),
+        );
+        if scale.is_some() {
+            // Seen exactly edge-on a plane covers nothing.
+            for (inside, facing) in inside.iter_mut().zip(self.exact_facing(simd, number, pixels)) {
+                *inside &= facing.simd_ne(W::simd_from(simd, 0.0));
             }
         }
-        8 * rows_drawn
+        Sample { inside, depth, exponent, scale }
     }
 
+    /// n·v over the coverage floor in the exact form.
     #[inline(always)]
-    fn affine_sample<S: Simd>(&self, simd: S, u: V<S>, v: f32) -> Sample<S> {
-        let record = self.record;
-        let [a, b, c] = record.conic_root;
-        let [slope_x, slope_y] = record.depth_slope;
-        let [tilt_x, tilt_y] = self.tilt;
-        let limit = splat(simd, self.farthest_offset);
-        let along = u.mul_add(splat(simd, a), splat(simd, b * v));
-        let r = along.mul_add(along, splat(simd, c * v * c * v));
-        let depth = u.mul_add(splat(simd, slope_x), splat(simd, record.depth + slope_y * v));
-        let change = u.mul_add(splat(simd, tilt_x), splat(simd, tilt_y * v));
-        let change = if self.is_perspective { change / (change + 1.0) } else { change };
-        let offset = change.mul_add(splat(simd, -self.zeta), splat(simd, record.depth) - depth);
-        Sample {
-            inside: r.simd_le(splat(simd, self.cutoff)) & depth.simd_gt(splat(simd, self.near)),
-            depth,
-            offset: offset.max(-limit).min(limit),
-            reach: splat(simd, 3.0 * record.sigma_z),
-            exponent: r * -0.5,
-            peak: splat(simd, record.amplitude.abs()),
-            faces_away: splat(simd, record.amplitude).simd_gt(splat(simd, 0.0)),
-        }
+    pub(crate) fn exact_facing<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> Block<S> {
+        let slope = [self.facing_slope[0][number], self.facing_slope[1][number]];
+        self.outlines.offsets(simd, number, pixels).linear(simd, self.facing[number], slope)
     }
 
+    /// Where the plane is. For a surfel that fills the pixel's filter it is where the sample is; a smaller one the
+    /// filter sees where it is, and its plane somewhere else.
     #[inline(always)]
-    fn exact_sample<S: Simd>(&self, simd: S, u: V<S>, v: f32) -> Sample<S> {
-        let record = self.record;
-        let row = ExactRows::new(record).row(simd, record, u, v);
-        let [slope_x, slope_y] = record.amplitude_slope;
-        // n·v at the pixel, times the factor that makes it a coverage.
-        let change = u.mul_add(splat(simd, slope_x), splat(simd, v * slope_y));
-        let facing = change + record.amplitude;
-        let zero = splat(simd, 0.0);
-        let offset = change * -self.zeta / facing + record.depth - row.depth;
-        let limit = splat(simd, self.farthest_offset);
-        // Seen exactly edge-on a plane has no depth at the pixel: the near limit.
-        let offset = facing.simd_eq(zero).select(-limit, offset.max(-limit).min(limit));
-        let peak = facing.abs() * row.scale;
-        let inside = row.r.simd_le(splat(simd, self.cutoff))
-            & row.depth.simd_gt(splat(simd, self.near))
-            & peak.simd_gt(zero);
-        Sample {
-            inside,
-            depth: row.depth,
-            offset,
-            reach: row.sigma_z * 3.0,
-            exponent: row.r * -0.5,
-            peak,
-            faces_away: facing.simd_gt(zero),
+    pub(crate) fn spans<S: Simd>(
+        &self,
+        simd: S,
+        (number, sample): (usize, &Sample<S>),
+        pixels: [W<S>; 2],
+        lens: &SurfelLens,
+    ) -> Spans<S> {
+        let depth = W::simd_from(simd, self.depth[number]);
+        let zeta = lens.zeta(simd, depth);
+        let limit = zeta.abs() * lens.farthest_offset;
+        let zero = W::simd_from(simd, 0.0);
+        // n·v at the pixel less that at the mean, over that at the pixel; over that at the mean where rays are parallel.
+        let changes = match sample.scale {
+            Some(_) => self.exact_facing(simd, number, pixels).each(
+                #[inline(always)]
+                |facing| (facing - self.facing[number]) / facing,
+            ),
+            None => {
+                let tilt = [self.tilt[0][number], self.tilt[1][number]];
+                let changes = self.outlines.offsets(simd, number, pixels).linear(simd, 0.0, tilt);
+                if lens.is_perspective {
+                    changes.each(
+                        #[inline(always)]
+                        |change| change * reciprocal(simd, change + 1.0),
+                    )
+                } else {
+                    changes
+                }
+            }
+        };
+        let mut spans = Spans { nearest: sample.depth, farthest: sample.depth };
+        for i in 0..4 {
+            let offset = changes[i].mul_add(-zeta, depth - sample.depth[i]).max(-limit).min(limit);
+            let sigma_z = match &sample.scale {
+                Some(scale) => scale[i] * self.sigma_z[number],
+                None => W::simd_from(simd, self.sigma_z[number]),
+            };
+            spans.nearest[i] = sigma_z.mul_add(W::simd_from(simd, -3.0), sample.depth[i] + offset.min(zero));
+            spans.farthest[i] = sample.depth[i] + offset.max(zero);
         }
+        spans
     }
 
-    /// Between which depths the spans of samples in a block begin, less 3σ_z; the block's first pixel has this offset
-    /// from the mean.
+    /// Coverage over the cloud's floor, where a pixel is inside.
     #[inline(always)]
-    fn spans(&self, first: [f32; 2]) -> [f32; 2] {
-        if self.record.tag.form == Form::Exact {
-            return [f32::NEG_INFINITY, f32::INFINITY];
-        }
-        let [x, y] = [first[0] + 3.5, first[1] + 3.5];
-        let over_block =
-            |slope: [f32; 2]| [slope[0] * x + slope[1] * y, 3.5 * (slope[0].abs() + slope[1].abs())];
-        let [rise, range] = over_block(self.record.depth_slope);
-        // To first order the plane rises by −ζ t, t the change of n·v; the rest is at most ζ t²/(1 − |t|).
-        let [change, _] = over_block(self.tilt);
-        let offset_slope = [0, 1].each(
+    pub(crate) fn weights<S: Simd>(
+        &self,
+        simd: S,
+        (number, sample): (usize, &Sample<S>),
+        pixels: [W<S>; 2],
+    ) -> Block<S> {
+        let peaks = match &sample.scale {
+            Some(scale) => {
+                let mut peaks = self.exact_facing(simd, number, pixels);
+                for (peak, scale) in peaks.iter_mut().zip(scale) {
+                    *peak = peak.abs() * *scale;
+                }
+                peaks
+            }
+            None => [W::simd_from(simd, self.facing[number].abs()); 4],
+        };
+        [0, 1, 2, 3].each(
             #[inline(always)]
-            |i| -self.zeta * self.tilt[i] - self.record.depth_slope[i],
-        );
-        let [offset, offset_range] = over_block(offset_slope);
-        let most = change.abs() + over_block(self.tilt)[1];
-        let rest = if most < 0.5 { 2.0 * self.zeta.abs() * most * most } else { f32::INFINITY };
-        let offset = (offset - offset_range - rest).min(0.0).max(-self.farthest_offset);
-        let middle = self.record.depth + rise - 3.0 * self.record.sigma_z;
-        [middle - range + offset, middle + range]
+            |i| {
+                let weight = exp2_within(simd, sample.exponent[i]) * peaks[i];
+                sample.inside[i].select(weight, W::simd_from(simd, 0.0))
+            },
+        )
     }
+
+    /// Between which depths the spans of samples begin in the block with a corner, less 3σ_z, for each record of the
+    /// batch.
+    #[inline(always)]
+    pub(crate) fn bounds<S: Simd>(
+        &self,
+        simd: S,
+        corner: [f32; 2],
+        lens: &SurfelLens,
+        [nearest, farthest]: [&mut Column; 2],
+    ) {
+        let zero = W::simd_from(simd, 0.0);
+        let infinity = W::simd_from(simd, f32::INFINITY);
+        const HALF: f32 = (BLOCK_SIDE - 1) as f32 / 2.0;
+        for first in (0..BATCH).step_by(16) {
+            let read = |column: &Column| W::from_slice(simd, &column[first..first + 16]);
+            let x = -(read(&self.outlines.mean[0]) - (corner[0] + HALF));
+            let y = -(read(&self.outlines.mean[1]) - (corner[1] + HALF));
+            let depth = read(&self.depth);
+            let zeta = lens.zeta(simd, depth);
+            let slope = [read(&self.depth_slope[0]), read(&self.depth_slope[1])];
+            let tilt = [read(&self.tilt[0]), read(&self.tilt[1])];
+            let middle = |slope: [W<S>; 2]| slope[0].mul_add(x, slope[1] * y);
+            let range = |slope: [W<S>; 2]| (slope[0].abs() + slope[1].abs()) * HALF;
+            // To first order the plane rises by −ζ t, t the change of n·v; the rest is at most ζ t²/(1 − |t|).
+            let offset_slope = [-zeta * tilt[0] - slope[0], -zeta * tilt[1] - slope[1]];
+            let most = middle(tilt).abs() + range(tilt);
+            let rest = most.simd_lt(W::simd_from(simd, 0.5)).select(zeta.abs() * most * most * 2.0, infinity);
+            let offset = (middle(offset_slope) - range(offset_slope) - rest)
+                .min(zero)
+                .max(zeta.abs() * -lens.farthest_offset);
+            let seen = read(&self.sigma_z).mul_add(W::simd_from(simd, -3.0), depth + middle(slope));
+            let range = range(slope);
+            let exact = mask32x16::from_bitmask(simd, self.exact >> first);
+            exact.select(-infinity, seen - range + offset).store_slice(&mut nearest[first..first + 16]);
+            exact.select(infinity, seen + range).store_slice(&mut farthest[first..first + 16]);
+        }
+    }
+}
+
+/// 1/x within 2e-7 of itself.
+#[inline(always)]
+fn reciprocal<S: Simd>(simd: S, x: W<S>) -> W<S> {
+    // The hardware's guess has eight correct bits at least; each step doubles them.
+    let two = W::simd_from(simd, 2.0);
+    let mut guess = x.approximate_recip();
+    for _ in 0..2 {
+        guess *= (-x).mul_add(guess, two);
+    }
+    guess
 }

@@ -1,0 +1,150 @@
+//! Cuts: the surface layers of a tile's pixels, as the compositor and the resolver see them.
+
+use crate::columns::LANES;
+use crate::simd::*;
+use crate::tile::{BLOCK_SIDE, MAX_BLOCKS, Plane, Tile, load};
+
+/// Layers a pixel; the last takes whatever is left.
+pub(crate) const MAX_LAYERS: usize = 4;
+
+/// A surface layer at the pixels of a block.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct Cut {
+    /// ∞ where there is none.
+    pub(crate) depth: Plane,
+    /// The opacity with which it is composited.
+    pub(crate) alpha: Plane,
+    /// Base colour in the blend space; shaded when the pixel is resolved.
+    pub(crate) color: [Plane; 3],
+    /// Unit normal in camera space, on the side that is seen.
+    pub(crate) normal: [Plane; 3],
+    /// The front-most record, whose cloud's material shades the layer; [`Cut::NO_RECORD`] where there is none.
+    pub(crate) record: [[u32; LANES]; BLOCK_SIDE],
+}
+
+impl Cut {
+    pub(crate) const NO_RECORD: u32 = u32::MAX;
+
+    /// No surface.
+    pub(crate) const NONE: Self = Self {
+        depth: [[f32::INFINITY; LANES]; BLOCK_SIDE],
+        alpha: [[0.0; LANES]; BLOCK_SIDE],
+        color: [[[0.0; LANES]; BLOCK_SIDE]; 3],
+        normal: [[[0.0; LANES]; BLOCK_SIDE]; 3],
+        record: [[Self::NO_RECORD; LANES]; BLOCK_SIDE],
+    };
+}
+
+/// What the cuts of a block mean for a volume.
+#[derive(Clone, Copy)]
+pub(crate) struct BlockCuts {
+    /// How many there are in the pixel that has most.
+    pub(crate) layers: usize,
+    /// The nearest cut.
+    pub(crate) nearest: f32,
+    /// Behind this nothing is seen in any of its pixels.
+    pub(crate) hidden: f32,
+    /// Segments that anything is seen of.
+    pub(crate) segments: usize,
+}
+
+impl BlockCuts {
+    const OPEN: Self = Self { layers: 0, nearest: f32::INFINITY, hidden: f32::INFINITY, segments: 1 };
+}
+
+/// The cuts of a tile's pixels, near to far.
+pub(crate) struct Cuts {
+    layers: [Vec<Cut>; MAX_LAYERS],
+    blocks: [BlockCuts; MAX_BLOCKS],
+    hidden: f32,
+    segments: usize,
+}
+
+impl Cuts {
+    pub(crate) fn new() -> Self {
+        let layers = std::array::from_fn(|_| Vec::new());
+        Self { layers, blocks: [BlockCuts::OPEN; MAX_BLOCKS], hidden: f32::INFINITY, segments: 1 }
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.blocks = [BlockCuts::OPEN; MAX_BLOCKS];
+        (self.hidden, self.segments) = (f32::INFINITY, 1);
+    }
+
+    /// Segments of the pixel that has most that anything is seen of.
+    pub(crate) fn segments(&self) -> usize {
+        self.segments
+    }
+
+    /// The cuts of a block, layer by layer; where a pixel has none its depth is ∞ and α is 0.
+    pub(crate) fn layers(&self, block: usize) -> impl Iterator<Item = &Cut> {
+        self.layers[..self.blocks[block].layers].iter().map(move |cuts| &cuts[block])
+    }
+
+    /// The depths at which a segment of a block ends.
+    pub(crate) fn depth(&self, segment: usize, block: usize) -> &Plane {
+        if segment < self.blocks[block].layers {
+            &self.layers[segment][block].depth
+        } else {
+            &Cut::NONE.depth
+        }
+    }
+
+    pub(crate) fn block(&self, block: usize) -> BlockCuts {
+        self.blocks[block]
+    }
+
+    /// Behind this depth nothing is seen in the tile.
+    pub(crate) fn hidden(&self) -> f32 {
+        self.hidden
+    }
+
+    /// Adds a layer behind those that a block has.
+    pub(crate) fn push(&mut self, (tile, block): (Tile, usize), cut: Cut) {
+        let number = self.blocks[block].layers;
+        // What other blocks held before is of no meaning.
+        self.layers[number].resize(tile.blocks(), Cut::NONE);
+        self.layers[number][block] = cut;
+        self.blocks[block].layers = number + 1;
+    }
+
+    /// Looks at the finished cuts of all blocks. Behind a transmittance of `spent` nothing is seen.
+    #[inline(always)]
+    pub(crate) fn sum_up<S: Simd>(&mut self, simd: S, tile: Tile, spent: f32) {
+        self.hidden = f32::NEG_INFINITY;
+        let infinity = W::simd_from(simd, f32::INFINITY);
+        for block in tile.visible_blocks() {
+            let mut sum = BlockCuts { hidden: f32::NEG_INFINITY, ..self.blocks[block] };
+            // What lies beside the picture hides everything.
+            let mut hidden = load(simd, &inside(tile, block));
+            let mut through = [W::simd_from(simd, 1.0); 4];
+            for (layer, cut) in self.layers(block).enumerate() {
+                let (depth, alpha) = (load(simd, &cut.depth), load(simd, &cut.alpha));
+                for i in 0..4 {
+                    sum.nearest = sum.nearest.min(depth[i].reduce_min());
+                    through[i] = (-through[i]).mul_add(alpha[i], through[i]);
+                    let is_open = hidden[i].simd_eq(infinity);
+                    let ends = is_open & through[i].simd_le(W::simd_from(simd, spent));
+                    if (is_open & !ends & depth[i].simd_lt(infinity)).any_true() {
+                        sum.segments = layer + 2;
+                    }
+                    hidden[i] = ends.select(depth[i], hidden[i]);
+                }
+            }
+            for hidden in hidden {
+                sum.hidden = sum.hidden.max(hidden.reduce_max());
+            }
+            self.blocks[block] = sum;
+            self.hidden = self.hidden.max(sum.hidden);
+            self.segments = self.segments.max(sum.segments);
+        }
+    }
+}
+
+/// ∞ at the pixels of a block that lie in the picture, −∞ beside it.
+pub(crate) fn inside(tile: Tile, block: usize) -> Plane {
+    let [columns, rows] = tile.visible(block);
+    let lane = |row, column| if row < rows && column < columns { f32::INFINITY } else { f32::NEG_INFINITY };
+    std::array::from_fn(|row| std::array::from_fn(|column| lane(row, column)))
+}

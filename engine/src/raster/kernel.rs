@@ -1,0 +1,343 @@
+//! Volume records to optical depths or opacities at the pixels of a block.
+
+use super::offsets::{ExactBlock, HALF_LOG2_E, Offsets, ROOT_HALF_LOG2_E};
+use super::outline::{BATCH, BlockMasks, Column, Outlines, add_rect};
+use crate::camera::Projection;
+use crate::footprint::{Form, Kind, Lens, Record, Rect};
+use crate::simd::*;
+use crate::tile::{BLOCK_SIDE, Block, MAX_BLOCKS, Tile};
+
+/// Up to this optical depth opacities are a cubic polynomial.
+const THIN_PEAK: f32 = 0.25;
+
+/// (1 − e^{−t})/t on [0, [`THIN_PEAK`]] to 2e-5 of itself, relative minimax.
+const THIN: [f32; 3] = [0.999_980_4, -0.498_614_63, 0.151_798_94];
+
+/// Beyond this many σ_z a kernel has 6e-5 of its mass, which counts as none.
+pub(crate) const REACH: f32 = 4.0;
+
+/// What volume records share.
+pub(crate) struct KernelLens {
+    pub(crate) lens: Lens,
+    /// Where r ends.
+    pub(crate) cutoff: f32,
+    /// `Opacity` kernels end where they fall below this.
+    pub(crate) least_alpha: f32,
+}
+
+/// Volume records of a tile, as many as go together, and what follows from them.
+#[repr(C, align(64))]
+pub(crate) struct Kernels {
+    outlines: Outlines,
+    /// α as a polynomial of w = e^{−r/2} without constant term, where a kernel is thin.
+    alpha: [Column; 3],
+    color: [Column; 3],
+    amplitude: Column,
+    depth: Column,
+    depth_slope: [Column; 2],
+    sigma_z: Column,
+    /// How far they reach along z from their centres, anywhere in the picture: to the end of their ellipsoids, and
+    /// [`REACH`] σ_z.
+    reach: Column,
+    /// Those whose opacities are the polynomial.
+    thin: u64,
+    /// Those of kind `Opacity`.
+    opacities: u64,
+    exact: u64,
+    /// Those that each block needs.
+    pub(crate) masks: BlockMasks,
+}
+
+/// What a kernel is in a block.
+pub(crate) struct Fragments<S: Simd> {
+    /// Optical depth, or opacity.
+    pub(crate) strength: Block<S>,
+    /// z of the densest point.
+    pub(crate) depth: Block<S>,
+    pub(crate) sigma_z: Block<S>,
+}
+
+/// Sets of records by where they are in a block.
+pub(crate) struct Places {
+    /// Behind a depth.
+    pub(crate) hidden: u64,
+    /// Wholly between two depths.
+    pub(crate) whole: u64,
+}
+
+impl Kernels {
+    pub(crate) const NONE: Self = Self {
+        outlines: Outlines::NONE,
+        alpha: [[0.0; BATCH]; 3],
+        color: [[0.0; BATCH]; 3],
+        amplitude: [0.0; BATCH],
+        depth: [1.0; BATCH],
+        depth_slope: [[0.0; BATCH]; 2],
+        sigma_z: [0.0; BATCH],
+        reach: [0.0; BATCH],
+        thin: 0,
+        opacities: 0,
+        exact: 0,
+        masks: [0; MAX_BLOCKS],
+    };
+
+    /// Takes in up to [`BATCH`] records of a tile, with their rectangles.
+    ///
+    /// Records are not in the cache. So short is the loop over them that many are on their way at once.
+    #[inline(always)]
+    pub(crate) fn fill<'a, S: Simd>(
+        &mut self,
+        simd: S,
+        (tile, lens): (Tile, &KernelLens),
+        records: impl Iterator<Item = &'a Record>,
+        rect: impl Fn(usize) -> &'a Rect,
+    ) {
+        let (mut count, mut opacities, mut exact) = (0, 0_u64, 0_u64);
+        for (number, record) in records.enumerate().take(BATCH) {
+            for axis in 0..2 {
+                self.outlines.mean[axis][number] = record.mean[axis];
+                self.depth_slope[axis][number] = record.depth_slope[axis];
+            }
+            for i in 0..3 {
+                self.outlines.root[i][number] = record.conic_root[i];
+                self.color[i][number] = record.color[i];
+            }
+            self.amplitude[number] = record.amplitude;
+            self.depth[number] = record.depth;
+            self.sigma_z[number] = record.sigma_z;
+            opacities |= u64::from(record.tag.kind == Kind::Opacity) << number;
+            exact |= u64::from(record.tag.form == Form::Exact) << number;
+            count = number + 1;
+        }
+        (self.opacities, self.exact, self.thin) = (opacities, exact, 0);
+        for first in (0..count).step_by(16) {
+            self.prepare(simd, tile, lens, first);
+        }
+        self.masks = self.outlines.meet(simd, tile, count);
+        let listed = u64::MAX.checked_shr((BATCH - count) as u32).unwrap_or(0);
+        for mask in &mut self.masks {
+            *mask &= listed & !exact;
+        }
+        for number in (0..count).filter(|number| exact >> number & 1 != 0) {
+            add_rect(&mut self.masks, number, rect(number), tile);
+        }
+    }
+
+    /// Turns sixteen records, as they are, into what pixels need.
+    #[inline(always)]
+    fn prepare<S: Simd>(&mut self, simd: S, tile: Tile, lens: &KernelLens, first: usize) {
+        let range = first..first + 16;
+        let read = |column: &Column| W::from_slice(simd, &column[range.clone()]);
+        let constant = |x: f32| W::simd_from(simd, x);
+        for (axis, mean) in self.outlines.mean.iter_mut().enumerate() {
+            (read(mean) - (tile.origin[axis] as f32 + 0.5)).store_slice(&mut mean[range.clone()]);
+        }
+        let root = self.outlines.root.each_ref().each(
+            #[inline(always)]
+            |column| read(column) * ROOT_HALF_LOG2_E,
+        );
+        for (column, root) in self.outlines.root.iter_mut().zip(root) {
+            root.store_slice(&mut column[range.clone()]);
+        }
+        let amplitude = read(&self.amplitude);
+        let square = amplitude * amplitude;
+        let opacity = mask32x16::from_bitmask(simd, self.opacities >> first);
+        let exact = mask32x16::from_bitmask(simd, self.exact >> first);
+        let zero = constant(0.0);
+        let thin = [
+            opacity.select(amplitude, amplitude * THIN[0]),
+            opacity.select(zero, square * THIN[1]),
+            opacity.select(zero, square * amplitude * THIN[2]),
+        ];
+        for (column, thin) in self.alpha.iter_mut().zip(thin) {
+            thin.store_slice(&mut column[range.clone()]);
+        }
+        let is_thin = (opacity | amplitude.simd_le(constant(THIN_PEAK))) & !exact;
+        self.thin |= is_thin.to_bitmask() << first;
+        // An opacity that is not seen at all was dropped: the logarithm is positive.
+        let end = constant(lens.cutoff * HALF_LOG2_E);
+        let least = constant(lens.least_alpha.max(f32::MIN_POSITIVE));
+        let own = log2(simd, opacity.select(amplitude, least) / least).max(zero);
+        let end = opacity.select(own.min(end), end);
+        end.store_slice(&mut self.outlines.end[range.clone()]);
+        // Σ_zz is σ_z² and what the slope of the depth adds over the footprint, |M⁻ᵀ slope|².
+        let x = read(&self.depth_slope[0]) / root[0];
+        let y = (read(&self.depth_slope[1]) - root[1] * x) / root[2];
+        let reach = (x.mul_add(x, y * y) * end).sqrt() + read(&self.sigma_z) * (1.25 * REACH);
+        reach.store_slice(&mut self.reach[range]);
+    }
+
+    /// Sets of records by where they are in the whole picture: hidden behind a depth, wholly behind another one.
+    #[inline(always)]
+    pub(crate) fn places<S: Simd>(&self, simd: S, [near, hidden]: [f32; 2]) -> Places {
+        let mut places = Places { hidden: 0, whole: 0 };
+        for first in (0..BATCH).step_by(16) {
+            let read = |column: &Column| W::from_slice(simd, &column[first..first + 16]);
+            let nearest = read(&self.depth) - read(&self.reach);
+            places.hidden |= nearest.simd_gt(W::simd_from(simd, hidden)).to_bitmask() << first;
+            places.whole |= nearest.simd_gt(W::simd_from(simd, near)).to_bitmask() << first;
+        }
+        places
+    }
+
+    /// Sets of records by where they are in the block with a corner: hidden behind a depth, wholly between two others.
+    #[inline(always)]
+    pub(crate) fn places_in<S: Simd>(
+        &self,
+        simd: S,
+        corner: [f32; 2],
+        [near, far, hidden]: [f32; 3],
+    ) -> Places {
+        const HALF: f32 = (BLOCK_SIDE - 1) as f32 / 2.0;
+        let constant = |x: f32| W::simd_from(simd, x);
+        let mut places = Places { hidden: 0, whole: 0 };
+        for first in (0..BATCH).step_by(16) {
+            let read = |column: &Column| W::from_slice(simd, &column[first..first + 16]);
+            let x = constant(corner[0] + HALF) - read(&self.outlines.mean[0]);
+            let y = constant(corner[1] + HALF) - read(&self.outlines.mean[1]);
+            let slope = [read(&self.depth_slope[0]), read(&self.depth_slope[1])];
+            let (depth, sigma_z) = (read(&self.depth), read(&self.sigma_z));
+            let exact = mask32x16::from_bitmask(simd, self.exact >> first);
+            let middle = exact.select(depth, slope[0].mul_add(x, slope[1].mul_add(y, depth)));
+            let half = sigma_z.mul_add(constant(REACH), (slope[0].abs() + slope[1].abs()) * HALF);
+            let half = exact.select(read(&self.reach), half);
+            let (nearest, farthest) = (middle - half, middle + half);
+            let whole = nearest.simd_gt(constant(near)) & farthest.simd_lt(constant(far));
+            places.hidden |= nearest.simd_gt(constant(hidden)).to_bitmask() << first;
+            places.whole |= whole.to_bitmask() << first;
+        }
+        places
+    }
+
+    #[inline(always)]
+    fn offsets<S: Simd>(&self, simd: S, number: usize, corner: [W<S>; 2]) -> Offsets<S> {
+        self.outlines.offsets(simd, number, corner)
+    }
+
+    /// 2^x down to where the kernel ends, 0 beyond.
+    #[inline(always)]
+    fn weight<S: Simd>(&self, simd: S, number: usize, exponent: W<S>) -> W<S> {
+        let is_within = exponent.simd_ge(W::simd_from(simd, -self.outlines.end[number]));
+        is_within.select(exp2_coarse(simd, exponent), W::simd_from(simd, 0.0))
+    }
+
+    #[inline(always)]
+    pub(crate) fn color(&self, number: usize) -> [f32; 3] {
+        [self.color[0][number], self.color[1][number], self.color[2][number]]
+    }
+
+    /// Whether opacities are the polynomial.
+    #[inline(always)]
+    fn is_thin(&self, number: usize) -> bool {
+        self.thin >> number & 1 != 0
+    }
+
+    /// Whether strengths are opacities.
+    #[inline(always)]
+    pub(crate) fn is_opacity(&self, number: usize) -> bool {
+        self.opacities >> number & 1 != 0
+    }
+
+    /// The opacity of a share of a kernel, of an optical depth.
+    #[inline(always)]
+    pub(crate) fn opacity<S: Simd>(&self, simd: S, number: usize, optical_depth: W<S>) -> W<S> {
+        if self.is_thin(number) && !self.is_opacity(number) {
+            optical_depth * polynomial(simd, optical_depth, THIN)
+        } else {
+            opacity(simd, optical_depth)
+        }
+    }
+
+    /// The opacity of a whole kernel at a block's pixels.
+    #[inline(always)]
+    pub(crate) fn alpha<S: Simd>(
+        &self,
+        simd: S,
+        number: usize,
+        pixels: [W<S>; 2],
+        tile: (Tile, &KernelLens),
+    ) -> Block<S> {
+        if !self.is_thin(number) {
+            return apart(
+                simd,
+                #[inline(always)]
+                || {
+                    let Fragments { strength, .. } = self.fragments(simd, number, pixels, tile);
+                    if self.is_opacity(number) {
+                        return strength;
+                    }
+                    strength.each(
+                        #[inline(always)]
+                        |tau| opacity(simd, tau),
+                    )
+                },
+            );
+        }
+        let offsets = self.offsets(simd, number, pixels);
+        let [first, second, third] = [0, 1, 2].each(
+            #[inline(always)]
+            |i| W::simd_from(simd, self.alpha[i][number]),
+        );
+        [0, 1, 2, 3].each(
+            #[inline(always)]
+            |i| {
+                let w = self.weight(simd, number, offsets.exponent(i));
+                w * w.mul_add(w.mul_add(third, second), first)
+            },
+        )
+    }
+
+    /// Strength, z and σ_z at a block's pixels.
+    #[inline(always)]
+    pub(crate) fn fragments<S: Simd>(
+        &self,
+        simd: S,
+        number: usize,
+        pixels: [W<S>; 2],
+        (tile, lens): (Tile, &KernelLens),
+    ) -> Fragments<S> {
+        let offsets = self.offsets(simd, number, pixels);
+        let (depth, amplitude, sigma_z) = (self.depth[number], self.amplitude[number], self.sigma_z[number]);
+        let slope = [self.depth_slope[0][number], self.depth_slope[1][number]];
+        if self.exact >> number & 1 == 0 {
+            return Fragments {
+                strength: [0, 1, 2, 3].each(
+                    #[inline(always)]
+                    |i| self.weight(simd, number, offsets.exponent(i)) * amplitude,
+                ),
+                depth: offsets.linear(simd, depth, slope),
+                sigma_z: [W::simd_from(simd, sigma_z); 4],
+            };
+        }
+        let ExactBlock { exponent, depth, scale } = ExactBlock::new(simd, &offsets, (depth, slope, sigma_z));
+        let strength = [0, 1, 2, 3].each(
+            #[inline(always)]
+            |i| {
+                let strength = self.weight(simd, number, exponent[i]) * amplitude;
+                if self.is_opacity(number) {
+                    return strength;
+                }
+                let x = pixels[0] + (tile.origin[0] as f32 + 0.5);
+                let y = pixels[1] + (tile.origin[1] as f32 + 0.5 + 2.0 * i as f32);
+                strength * scale[i] * ray_lengths(simd, &lens.lens, [x, y])
+            },
+        );
+        let sigma_z = scale.each(
+            #[inline(always)]
+            |scale| scale * sigma_z,
+        );
+        Fragments { strength, depth, sigma_z }
+    }
+}
+
+/// |v| of the rays through pixels.
+#[inline(always)]
+fn ray_lengths<S: Simd>(simd: S, lens: &Lens, [x, y]: [W<S>; 2]) -> W<S> {
+    if lens.projection == Projection::Orthographic {
+        return W::simd_from(simd, 1.0);
+    }
+    let [focal, principal] = [lens.focal.as_vec2(), lens.principal.as_vec2()];
+    let across = (x - principal.x) * (1.0 / focal.x);
+    let down = (y - principal.y) * (1.0 / focal.y);
+    across.mul_add(across, down.mul_add(down, W::simd_from(simd, 1.0))).sqrt()
+}
