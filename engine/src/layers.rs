@@ -38,7 +38,8 @@ struct Sums {
     sides: [Side; 2],
     color: [Plane; 3],
     depth: Plane,
-    opacity: Plane,
+    /// Of 1 − opacity.
+    clear: Plane,
 }
 
 #[derive(Clone, Copy)]
@@ -55,7 +56,7 @@ impl Sums {
         sides: [Side { weight: ZERO, normal: [ZERO; 3] }; 2],
         color: [ZERO; 3],
         depth: ZERO,
-        opacity: ZERO,
+        clear: ZERO,
     };
 }
 
@@ -105,6 +106,8 @@ struct Listed {
     batch: u32,
     number: u32,
     nearest: f32,
+    /// Its samples are at least this deep.
+    seen_from: f32,
     farthest: f32,
 }
 
@@ -181,18 +184,23 @@ impl LayerBuilder<'_> {
     fn list<S: Simd>(&self, simd: S, (block, corner): (usize, [f32; 2]), buffers: &mut LayerBuffers) {
         let LayerBuffers { batches, used, listed } = buffers;
         listed.clear();
-        let (mut nearest, mut farthest) = ([0.0; BATCH], [0.0; BATCH]);
+        let (mut nearest, mut seen_from, mut farthest) = ([0.0; BATCH], [0.0; BATCH], [0.0; BATCH]);
         for (batch, surfels) in batches[..*used].iter().enumerate() {
             let mut rest = surfels.masks[block];
             if rest == 0 {
                 continue;
             }
-            surfels.bounds(simd, corner, &self.lens, [&mut nearest, &mut farthest]);
+            surfels.bounds(simd, corner, &self.lens, [&mut nearest, &mut seen_from, &mut farthest]);
             while rest != 0 {
                 let number = rest.trailing_zeros() as usize % BATCH;
                 rest &= rest - 1;
-                let (nearest, farthest) = (nearest[number], farthest[number]);
-                listed.push(Listed { batch: batch as u32, number: number as u32, nearest, farthest });
+                listed.push(Listed {
+                    batch: batch as u32,
+                    number: number as u32,
+                    nearest: nearest[number],
+                    seen_from: seen_from[number],
+                    farthest: farthest[number],
+                });
             }
         }
     }
@@ -245,7 +253,7 @@ impl LayerBuilder<'_> {
             evaluated += apart(
                 simd,
                 #[inline(always)]
-                || self.sum_up(simd, (batches, pixels), (listed, &peel), &mut sums),
+                || self.sum_up(simd, (batches, corner, pixels), (listed, &peel), &mut sums),
             );
             let closed = apart(
                 simd,
@@ -273,7 +281,7 @@ impl LayerBuilder<'_> {
         peel: &mut Peel<S>,
     ) -> u64 {
         let infinity = W::simd_from(simd, f32::INFINITY);
-        let mut farthest = greatest(peel.limit);
+        let mut deepest = greatest(peel.depth);
         let done = -greatest([0, 1, 2, 3].each(
             #[inline(always)]
             |i| peel.depth[i].simd_gt(-infinity).select(-peel.previous[i], -infinity),
@@ -288,7 +296,7 @@ impl LayerBuilder<'_> {
             // It may be of use to a later layer.
             listed[kept] = candidate;
             kept += 1;
-            if candidate.nearest > farthest {
+            if candidate.seen_from > deepest {
                 continue;
             }
             evaluated += 1;
@@ -314,7 +322,7 @@ impl LayerBuilder<'_> {
                 peel.limit[i] = nearer[i].select(limit, peel.limit[i]);
                 peel.record[i] = nearer[i].select(record, peel.record[i]);
             }
-            farthest = greatest(peel.limit);
+            deepest = greatest(peel.depth);
         }
         listed.truncate(kept);
         evaluated
@@ -325,54 +333,62 @@ impl LayerBuilder<'_> {
     fn sum_up<S: Simd>(
         &self,
         simd: S,
-        (batches, pixels): (&[Surfels], [W<S>; 2]),
+        (batches, corner, pixels): (&[Surfels], [f32; 2], [W<S>; 2]),
         (listed, peel): (&[Listed], &Peel<S>),
         sums: &mut Sums,
     ) -> u64 {
+        let infinity = W::simd_from(simd, f32::INFINITY);
         let farthest = greatest(peel.limit);
         let mut evaluated = 0;
         for candidate in listed.iter().filter(|candidate| candidate.nearest <= farthest) {
             let (surfels, number) = (&batches[candidate.batch as usize], candidate.number as usize % BATCH);
-            let mut sample = surfels.sample(simd, number, pixels, &self.lens);
-            let spans = surfels.spans(simd, (number, &sample), pixels, &self.lens);
-            for i in 0..4 {
-                sample.inside[i] &=
-                    spans.nearest[i].simd_gt(peel.previous[i]) & spans.nearest[i].simd_le(peel.limit[i]);
-            }
             evaluated += 1;
-            if !any(sample.inside) {
-                continue;
+            let mut sample = surfels.sample(simd, number, pixels, &self.lens);
+            // Only where what is seen lies behind the limit it matters where the plane is.
+            let begins = surfels.begins(simd, number, &sample);
+            let mut open = sample.inside;
+            for i in 0..4 {
+                open[i] &= begins[i].simd_gt(peel.limit[i]) | peel.previous[i].simd_gt(-infinity);
+            }
+            if any(open) {
+                let spans = surfels.spans(simd, (number, &sample), pixels, &self.lens);
+                for i in 0..4 {
+                    sample.inside[i] &=
+                        spans.nearest[i].simd_gt(peel.previous[i]) & spans.nearest[i].simd_le(peel.limit[i]);
+                }
+                if !any(sample.inside) {
+                    continue;
+                }
             }
             let index = surfels.index[number] as usize;
             let SurfaceSample { normal, opacity, .. } = self.samples[index];
             let weights = surfels.weights(simd, (number, &sample), pixels);
             let mut depths = sample.depth;
-            for (depth, first) in depths.iter_mut().zip(peel.depth) {
-                *depth -= first;
-            }
-            // Where no sample was found the difference is infinite.
             for i in 0..4 {
-                depths[i] = sample.inside[i].select(depths[i], W::simd_from(simd, 0.0));
+                // Where no sample was found the difference is infinite.
+                let zero = W::simd_from(simd, 0.0);
+                depths[i] = sample.inside[i].select(depths[i] - peel.depth[i], zero);
             }
             add_products(simd, &mut sums.depth, (depths, weights));
-            add_products(simd, &mut sums.opacity, ([W::simd_from(simd, opacity); 4], weights));
+            if opacity < 1.0 {
+                add_products(simd, &mut sums.clear, ([W::simd_from(simd, 1.0 - opacity); 4], weights));
+            }
             for (plane, own) in sums.color.iter_mut().zip(self.records[index].color) {
                 add_products(simd, plane, ([W::simd_from(simd, own); 4], weights));
             }
-            // In the affine form a splat shows one side.
-            if surfels.is_exact(number) {
+            let Some(faces_away) = surfels.faces_away(number, corner) else {
                 let facing = surfels.exact_facing(simd, number, pixels);
-                let zero = W::simd_from(simd, 0.0);
                 for (side, sign) in sums.sides.iter_mut().zip([-1.0, 1.0]) {
                     let mut own = weights;
                     for (own, facing) in own.iter_mut().zip(facing) {
+                        let zero = W::simd_from(simd, 0.0);
                         *own = (facing * sign).simd_gt(zero).select(*own, zero);
                     }
                     side.add(simd, normal, own);
                 }
-            } else {
-                sums.sides[usize::from(surfels.faces_away(number))].add(simd, normal, weights);
-            }
+                continue;
+            };
+            sums.sides[usize::from(faces_away)].add(simd, normal, weights);
         }
         evaluated
     }
@@ -411,24 +427,26 @@ fn close<S: Simd>(
     let [front, back] = &sums.sides;
     let [front_weight, back_weight] = [load(simd, &front.weight), load(simd, &back.weight)];
     let mut cut = Cut::NONE;
-    let (mut depth, mut alpha) = (load(simd, &sums.depth), load(simd, &sums.opacity));
+    let (mut depth, mut alpha) = (load(simd, &sums.depth), load(simd, &sums.clear));
     let mut color = load3(simd, &sums.color);
     let (mut normal, back_normal) = (load3(simd, &front.normal), load3(simd, &back.normal));
     let mut goes_on = [zero.simd_lt(zero); 4];
     for i in 0..4 {
         let weight = front_weight[i] + back_weight[i];
-        let inverse = found[i].select(one / weight, zero);
-        let mut opacity = (alpha[i] * inverse).min(one);
+        // Seen exactly edge-on a plane covers nothing.
+        let found = found[i] & weight.simd_gt(zero);
+        let inverse = found.select(one / weight, zero);
+        let mut opacity = one - (alpha[i] * inverse).min(one);
         if last {
             // The last layer may be several sheets, one behind the other.
             let (through, sheets) = (one - opacity, weight.max(one));
             opacity =
                 one - W::from_slice(simd, &std::array::from_fn::<f32, 16, _>(|k| through[k].powf(sheets[k])));
         }
-        let coverage = found[i].select(weight.min(one), zero);
-        let [own, seen] = seen_through[i].cover(simd, coverage, found[i].select(opacity, zero));
-        alpha[i] = found[i].select(own, zero);
-        depth[i] = found[i].select(depth[i].mul_add(inverse, peel.depth[i]), infinity);
+        let coverage = found.select(weight.min(one), zero);
+        let [own, seen] = seen_through[i].cover(simd, coverage, found.select(opacity, zero));
+        alpha[i] = found.select(own, zero);
+        depth[i] = found.select(depth[i].mul_add(inverse, peel.depth[i]), infinity);
         // On the side that is seen.
         let shows_front = front_weight[i].simd_ge(back_weight[i]);
         let side = [0, 1, 2].each(
@@ -437,11 +455,12 @@ fn close<S: Simd>(
         );
         let unit = normalize_or_zero(simd, side);
         for axis in 0..3 {
-            normal[axis][i] = found[i].select(unit[axis], zero);
+            normal[axis][i] = found.select(unit[axis], zero);
             color[axis][i] *= inverse;
         }
-        cut.record.as_flattened_mut()[16 * i..16 * i + 16].copy_from_slice(peel.record[i].as_slice());
-        goes_on[i] = found[i] & seen.simd_gt(W::simd_from(simd, spent));
+        let record = found.select(peel.record[i], no_record);
+        cut.record.as_flattened_mut()[16 * i..16 * i + 16].copy_from_slice(record.as_slice());
+        goes_on[i] = found & seen.simd_gt(W::simd_from(simd, spent));
         peel.previous[i] = peel.limit[i];
         peel.depth[i] = goes_on[i].select(infinity, -infinity);
         peel.limit[i] = peel.depth[i];

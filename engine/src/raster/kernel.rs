@@ -309,7 +309,11 @@ impl Kernels {
                 sigma_z: [W::simd_from(simd, sigma_z); 4],
             };
         }
-        let ExactBlock { exponent, depth, scale } = ExactBlock::new(simd, &offsets, (depth, slope, sigma_z));
+        let ExactBlock { exponent, depth, den } = ExactBlock::new(simd, &offsets, (depth, slope, sigma_z));
+        let scale = den.each(
+            #[inline(always)]
+            |den| inverse_root(simd, den),
+        );
         let strength = [0, 1, 2, 3].each(
             #[inline(always)]
             |i| {

@@ -59,8 +59,7 @@ pub(crate) struct ExactBlock<S: Simd> {
     pub(crate) exponent: Block<S>,
     /// z of the densest point.
     pub(crate) depth: Block<S>,
-    /// 1/√den.
-    pub(crate) scale: Block<S>,
+    pub(crate) den: Block<S>,
 }
 
 impl<S: Simd> ExactBlock<S> {
@@ -71,14 +70,14 @@ impl<S: Simd> ExactBlock<S> {
         let inverse_depth = 1.0 / depth;
         let spread = W::simd_from(simd, (inverse_depth * sigma_z).powi(2) / HALF_LOG2_E);
         let rises = offsets.linear(simd, 0.0, slope);
-        let mut block = Self { exponent: rises, depth: rises, scale: rises };
+        let mut block = Self { exponent: rises, depth: rises, den: rises };
         for i in 0..4 {
             let exponent = offsets.exponent(i);
             let t = one - rises[i] * inverse_depth;
-            let inverse = one / (-exponent).mul_add(spread, t * t);
+            block.den[i] = (-exponent).mul_add(spread, t * t);
+            let inverse = reciprocal(simd, block.den[i]);
             block.exponent[i] = exponent * inverse;
             block.depth[i] = (W::simd_from(simd, depth) - rises[i]) * inverse;
-            block.scale[i] = inverse.sqrt();
         }
         block
     }

@@ -63,8 +63,8 @@ pub(crate) struct Sample<S: Simd> {
     pub(crate) depth: Block<S>,
     /// −kr.
     exponent: Block<S>,
-    /// 1/√den.
-    scale: Option<Block<S>>,
+    /// In the exact form.
+    den: Option<Block<S>>,
 }
 
 /// The depths of samples, from where they are seen to where the surfel's plane passes the pixel.
@@ -137,14 +137,25 @@ impl Surfels {
 
     /// Whether a record is in the exact form.
     #[inline(always)]
-    pub(crate) fn is_exact(&self, number: usize) -> bool {
+    fn is_exact(&self, number: usize) -> bool {
         self.exact >> number & 1 != 0
     }
 
-    /// Whether its centre shows the back.
+    /// Whether a record shows its back in the block with a corner; `None` where it shows both sides.
     #[inline(always)]
-    pub(crate) fn faces_away(&self, number: usize) -> bool {
-        self.facing[number] > 0.0
+    pub(crate) fn faces_away(&self, number: usize, corner: [f32; 2]) -> Option<bool> {
+        let facing = self.facing[number];
+        if !self.is_exact(number) {
+            return Some(facing > 0.0);
+        }
+        let at = |axis: usize| {
+            let slope = self.facing_slope[axis][number];
+            let middle = corner[axis] + (BLOCK_SIDE - 1) as f32 / 2.0 - self.outlines.mean[axis][number];
+            [slope * middle, slope.abs() * BLOCK_SIDE as f32 / 2.0]
+        };
+        let [[rise_x, half_x], [rise_y, half_y]] = [at(0), at(1)];
+        let (middle, half) = (facing + rise_x + rise_y, half_x + half_y);
+        (middle.abs() > half).then_some(middle > 0.0)
     }
 
     /// A record at a block's pixels.
@@ -158,10 +169,10 @@ impl Surfels {
     ) -> Sample<S> {
         let offsets = self.outlines.offsets(simd, number, pixels);
         let slope = [self.depth_slope[0][number], self.depth_slope[1][number]];
-        let (exponent, depth, scale) = if self.is_exact(number) {
+        let (exponent, depth, den) = if self.is_exact(number) {
             let plane = (self.depth[number], slope, self.sigma_z[number]);
-            let ExactBlock { exponent, depth, scale } = ExactBlock::new(simd, &offsets, plane);
-            (exponent, depth, Some(scale))
+            let ExactBlock { exponent, depth, den } = ExactBlock::new(simd, &offsets, plane);
+            (exponent, depth, Some(den))
         } else {
             let exponent = [0, 1, 2, 3].each(
                 #[inline(always)]
@@ -170,17 +181,34 @@ impl Surfels {
             (exponent, offsets.linear(simd, self.depth[number], slope), None)
         };
         let (end, near) = (W::simd_from(simd, -self.outlines.end[number]), W::simd_from(simd, lens.near));
-        let mut inside = [0, 1, 2, 3].each(
+        let inside = [0, 1, 2, 3].each(
             #[inline(always)]
             |i| exponent[i].simd_ge(end) & depth[i].simd_gt(near),
         );
-        if scale.is_some() {
-            // Seen exactly edge-on a plane covers nothing.
-            for (inside, facing) in inside.iter_mut().zip(self.exact_facing(simd, number, pixels)) {
-                *inside &= facing.simd_ne(W::simd_from(simd, 0.0));
-            }
+        Sample { inside, depth, exponent, den }
+    }
+
+    /// 3σ_z.
+    #[inline(always)]
+    fn reach<S: Simd>(&self, simd: S, number: usize, sample: &Sample<S>) -> Block<S> {
+        let reach = W::simd_from(simd, 3.0 * self.sigma_z[number]);
+        match sample.den {
+            Some(den) => den.each(
+                #[inline(always)]
+                |den| inverse_root(simd, den) * reach,
+            ),
+            None => [reach; 4],
         }
-        Sample { inside, depth, exponent, scale }
+    }
+
+    /// z less 3σ_z. Spans begin there or nearer.
+    #[inline(always)]
+    pub(crate) fn begins<S: Simd>(&self, simd: S, number: usize, sample: &Sample<S>) -> Block<S> {
+        let mut begins = self.reach(simd, number, sample);
+        for (begin, depth) in begins.iter_mut().zip(sample.depth) {
+            *begin = depth - *begin;
+        }
+        begins
     }
 
     /// n·v over the coverage floor in the exact form.
@@ -205,10 +233,10 @@ impl Surfels {
         let limit = zeta.abs() * lens.farthest_offset;
         let zero = W::simd_from(simd, 0.0);
         // n·v at the pixel less that at the mean, over that at the pixel; over that at the mean where rays are parallel.
-        let changes = match sample.scale {
+        let changes = match sample.den {
             Some(_) => self.exact_facing(simd, number, pixels).each(
                 #[inline(always)]
-                |facing| (facing - self.facing[number]) / facing,
+                |facing| (facing - self.facing[number]) * reciprocal(simd, facing),
             ),
             None => {
                 let tilt = [self.tilt[0][number], self.tilt[1][number]];
@@ -223,14 +251,11 @@ impl Surfels {
                 }
             }
         };
+        let begins = self.begins(simd, number, sample);
         let mut spans = Spans { nearest: sample.depth, farthest: sample.depth };
         for i in 0..4 {
             let offset = changes[i].mul_add(-zeta, depth - sample.depth[i]).max(-limit).min(limit);
-            let sigma_z = match &sample.scale {
-                Some(scale) => scale[i] * self.sigma_z[number],
-                None => W::simd_from(simd, self.sigma_z[number]),
-            };
-            spans.nearest[i] = sigma_z.mul_add(W::simd_from(simd, -3.0), sample.depth[i] + offset.min(zero));
+            spans.nearest[i] = begins[i] + offset.min(zero);
             spans.farthest[i] = sample.depth[i] + offset.max(zero);
         }
         spans
@@ -244,11 +269,11 @@ impl Surfels {
         (number, sample): (usize, &Sample<S>),
         pixels: [W<S>; 2],
     ) -> Block<S> {
-        let peaks = match &sample.scale {
-            Some(scale) => {
+        let peaks = match sample.den {
+            Some(den) => {
                 let mut peaks = self.exact_facing(simd, number, pixels);
-                for (peak, scale) in peaks.iter_mut().zip(scale) {
-                    *peak = peak.abs() * *scale;
+                for (peak, den) in peaks.iter_mut().zip(den) {
+                    *peak = peak.abs() * inverse_root(simd, den);
                 }
                 peaks
             }
@@ -257,59 +282,73 @@ impl Surfels {
         [0, 1, 2, 3].each(
             #[inline(always)]
             |i| {
-                let weight = exp2_within(simd, sample.exponent[i]) * peaks[i];
+                let weight = exp2_coarse(simd, sample.exponent[i]) * peaks[i];
                 sample.inside[i].select(weight, W::simd_from(simd, 0.0))
             },
         )
     }
 
-    /// Between which depths the spans of samples begin in the block with a corner, less 3σ_z, for each record of the
-    /// batch.
+    /// For each record of the batch between which depths the spans of samples begin in the block with a corner, less
+    /// 3σ_z, and how deep samples are at least.
     #[inline(always)]
     pub(crate) fn bounds<S: Simd>(
         &self,
         simd: S,
         corner: [f32; 2],
         lens: &SurfelLens,
-        [nearest, farthest]: [&mut Column; 2],
+        [nearest, seen_from, farthest]: [&mut Column; 3],
     ) {
-        let zero = W::simd_from(simd, 0.0);
-        let infinity = W::simd_from(simd, f32::INFINITY);
         const HALF: f32 = (BLOCK_SIDE - 1) as f32 / 2.0;
+        let constant = |x: f32| W::simd_from(simd, x);
+        let (one, infinity) = (constant(1.0), constant(f32::INFINITY));
         for first in (0..BATCH).step_by(16) {
             let read = |column: &Column| W::from_slice(simd, &column[first..first + 16]);
-            let x = -(read(&self.outlines.mean[0]) - (corner[0] + HALF));
-            let y = -(read(&self.outlines.mean[1]) - (corner[1] + HALF));
-            let depth = read(&self.depth);
-            let zeta = lens.zeta(simd, depth);
-            let slope = [read(&self.depth_slope[0]), read(&self.depth_slope[1])];
-            let tilt = [read(&self.tilt[0]), read(&self.tilt[1])];
-            let middle = |slope: [W<S>; 2]| slope[0].mul_add(x, slope[1] * y);
-            let range = |slope: [W<S>; 2]| (slope[0].abs() + slope[1].abs()) * HALF;
-            // To first order the plane rises by −ζ t, t the change of n·v; the rest is at most ζ t²/(1 − |t|).
-            let offset_slope = [-zeta * tilt[0] - slope[0], -zeta * tilt[1] - slope[1]];
-            let most = middle(tilt).abs() + range(tilt);
-            let rest = most.simd_lt(W::simd_from(simd, 0.5)).select(zeta.abs() * most * most * 2.0, infinity);
-            let offset = (middle(offset_slope) - range(offset_slope) - rest)
-                .min(zero)
-                .max(zeta.abs() * -lens.farthest_offset);
-            let seen = read(&self.sigma_z).mul_add(W::simd_from(simd, -3.0), depth + middle(slope));
-            let range = range(slope);
+            let x = constant(corner[0] + HALF) - read(&self.outlines.mean[0]);
+            let y = constant(corner[1] + HALF) - read(&self.outlines.mean[1]);
+            let range = |slope: &[Column; 2]| {
+                let slope = [read(&slope[0]), read(&slope[1])];
+                let middle = slope[0].mul_add(x, slope[1] * y);
+                let half = (slope[0].abs() + slope[1].abs()) * HALF;
+                [middle - half, middle + half]
+            };
+            // 1/x of a range; without bounds where it comes near zero.
+            let inverse = |[low, high]: [W<S>; 2]| {
+                let is_positive = low.simd_gt(constant(0.05));
+                [is_positive.select(one / high, -infinity), is_positive.select(one / low, infinity)]
+            };
+            let (depth, sigma_z) = (read(&self.depth), read(&self.sigma_z));
+            let rise = range(&self.depth_slope);
+            let mut seen = [depth + rise[0], depth + rise[1]];
+            let mut reach = sigma_z * 3.0;
             let exact = mask32x16::from_bitmask(simd, self.exact >> first);
-            exact.select(-infinity, seen - range + offset).store_slice(&mut nearest[first..first + 16]);
-            exact.select(infinity, seen + range).store_slice(&mut farthest[first..first + 16]);
+            if exact.any_true() {
+                // z is d/t but for den, which is at most t²/(1 − (σ₀/d)²ρ) inside the cut-off.
+                let per_depth = one / depth;
+                let spread = sigma_z * per_depth;
+                let share = (one - spread * spread * lens.cutoff).max(constant(0.0));
+                let inverse_t = inverse([one - rise[1] * per_depth, one - rise[0] * per_depth]);
+                let is_ahead = depth.simd_gt(constant(0.0));
+                let low = is_ahead.select(depth * share * inverse_t[0], -infinity);
+                let high = is_ahead.select(depth * inverse_t[1], infinity);
+                seen = [exact.select(low, seen[0]), exact.select(high, seen[1])];
+                reach = exact.select(reach * inverse_t[1], reach);
+            }
+            // Where the plane is.
+            let tilt = range(&self.tilt);
+            let plane = if lens.is_perspective {
+                depth * inverse([one + tilt[0], one + tilt[1]])[0]
+            } else {
+                depth - tilt[1]
+            };
+            let limit = lens.zeta(simd, depth).abs() * lens.farthest_offset;
+            let begin = seen[0].min(plane).max(seen[0] - limit) - reach;
+            // What f32 can't say, NaN among it, is no bound.
+            begin.simd_gt(-infinity).select(begin, -infinity).store_slice(&mut nearest[first..first + 16]);
+            seen[0]
+                .simd_gt(-infinity)
+                .select(seen[0], -infinity)
+                .store_slice(&mut seen_from[first..first + 16]);
+            seen[1].simd_lt(infinity).select(seen[1], infinity).store_slice(&mut farthest[first..first + 16]);
         }
     }
-}
-
-/// 1/x within 2e-7 of itself.
-#[inline(always)]
-fn reciprocal<S: Simd>(simd: S, x: W<S>) -> W<S> {
-    // The hardware's guess has eight correct bits at least; each step doubles them.
-    let two = W::simd_from(simd, 2.0);
-    let mut guess = x.approximate_recip();
-    for _ in 0..2 {
-        guess *= (-x).mul_add(guess, two);
-    }
-    guess
 }
