@@ -3,12 +3,11 @@
 //! Order `Centers`: every splat is closed before the next opens. What is behind an opaque cut is left out, a kernel
 //! between two cuts belongs to one run, and only where a cut goes through a kernel is it shared out between runs.
 
-use crate::columns::LANES;
 use crate::cuts::Cuts;
 use crate::footprint::{Record, Rect};
 use crate::raster::{BATCH, Fragments, KernelLens, Kernels, Places, REACH};
 use crate::simd::*;
-use crate::tile::{BLOCK_SIDE, Block, Plane, Tile, add_products, first_pixels, load, store};
+use crate::tile::{MAX_BLOCKS, PIXELS, Plane, Tile, pixels};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 /// What is seen of a block of pixels so far.
@@ -26,9 +25,9 @@ pub(crate) struct Seen {
 impl Seen {
     /// Nothing there.
     pub(crate) const CLEAR: Self = Self {
-        color: [[[0.0; LANES]; BLOCK_SIDE]; 3],
-        opacity: [[0.0; LANES]; BLOCK_SIDE],
-        depth: [[0.0; LANES]; BLOCK_SIDE],
+        color: [Plane::ZERO; 3],
+        opacity: Plane::ZERO,
+        depth: Plane::ZERO,
     };
 }
 
@@ -43,7 +42,8 @@ impl Runs {
     }
 
     /// Clears as many segments as the cuts make.
-    fn clear(&mut self, tile: Tile, segments: usize) {
+    #[inline(always)]
+    fn clear<S: Simd>(&mut self, simd: S, tile: Tile, segments: usize) {
         self.segments.resize_with(segments.max(self.segments.len()), Vec::new);
         for blocks in &mut self.segments[..segments] {
             blocks.clear();
@@ -51,10 +51,8 @@ impl Runs {
         }
         // What lies beside the picture is done.
         for (number, block) in self.segments[0].iter_mut().enumerate() {
-            let [columns, rows] = tile.visible(number);
-            for (row, lanes) in block.opacity.iter_mut().enumerate() {
-                lanes[if row < rows { columns } else { 0 }..].fill(1.0);
-            }
+            let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
+            block.opacity.store(tile.inside(simd, number).select(zero, one));
         }
     }
 
@@ -80,7 +78,7 @@ pub(crate) struct Compositor<'a> {
 struct Here<S: Simd> {
     tile: Tile,
     block: usize,
-    /// Columns and rows, from the tile's first pixel, of its first two rows.
+    /// Columns and rows of its pixels, from the tile's first.
     pixels: [W<S>; 2],
 }
 
@@ -95,43 +93,50 @@ impl Compositor<'_> {
         cuts: &Cuts,
         (kernels, runs): (&mut Kernels, &mut Runs),
     ) -> u64 {
-        runs.clear(tile, cuts.segments());
-        let mut open: u32 = tile.visible_blocks().map(|block| 1 << block).sum();
+        runs.clear(simd, tile, cuts.segments());
+        let mut open: u64 = tile.visible_blocks().map(|block| 1 << block).sum();
         let mut count = 0;
         for list in list.chunks(BATCH) {
             let places = apart(
                 simd,
                 #[inline(always)]
-                || {
-                    let index = |number: usize| list[number].load(Ordering::Relaxed) as usize;
-                    let records = (0..list.len()).map(
-                        #[inline(always)]
-                        |number| &self.records[index(number)],
-                    );
-                    kernels.fill(simd, (tile, &self.lens), records, |number| &self.rects[index(number)]);
-                    kernels.places(simd, [self.near, cuts.hidden()])
-                },
+                || self.fetch(simd, (tile, list), cuts, kernels),
             );
             let mut blocks = open;
             while blocks != 0 {
-                let block = blocks.trailing_zeros() as usize;
+                let block = blocks.trailing_zeros() as usize % MAX_BLOCKS;
                 blocks &= blocks - 1;
-                let here = Here { tile, block, pixels: first_pixels(simd, tile.corner_pixel(block)) };
-                count += self.add_batch(simd, here, (cuts, kernels, &places), runs);
-                let opacity = load(simd, &runs.segments[0][block].opacity);
-                let least = opacity[0].min(opacity[1]).min(opacity[2].min(opacity[3]));
-                if !least.simd_lt(W::simd_from(simd, 1.0 - self.spent)).any_true() {
-                    open &= !(1 << block);
-                }
+                let here = Here { tile, block, pixels: pixels(simd, tile.corner_pixel(block)) };
+                let (added, is_open) = self.add_batch(simd, here, (cuts, kernels, &places), runs);
+                count += u64::from(added);
+                open &= !(u64::from(!is_open) << block);
             }
             if open == 0 {
                 break;
             }
         }
-        u64::from(count) * (BLOCK_SIDE * BLOCK_SIDE) as u64
+        count * PIXELS as u64
     }
 
-    /// Adds a batch to the runs of a block; gives the number of kernels.
+    /// Brings records together; says which are hidden in the whole tile, and which lie wholly behind the near plane.
+    #[inline(always)]
+    fn fetch<S: Simd>(
+        &self,
+        simd: S,
+        (tile, list): (Tile, &[AtomicU32]),
+        cuts: &Cuts,
+        kernels: &mut Kernels,
+    ) -> Places {
+        let index = |number: usize| list[number].load(Ordering::Relaxed) as usize;
+        let records = (0..list.len()).map(
+            #[inline(always)]
+            |number| &self.records[index(number)],
+        );
+        kernels.fill(simd, (tile, &self.lens), records, |number| &self.rects[index(number)]);
+        kernels.places(simd, [self.near, cuts.hidden()])
+    }
+
+    /// Adds a batch to the runs of a block; gives the number of kernels, and whether the block still sees anything.
     #[inline(always)]
     fn add_batch<S: Simd>(
         &self,
@@ -139,88 +144,82 @@ impl Compositor<'_> {
         here: Here<S>,
         (cuts, kernels, places): (&Cuts, &Kernels, &Places),
         runs: &mut Runs,
-    ) -> u32 {
+    ) -> (u32, bool) {
         let mut todo = kernels.masks[here.block] & !places.hidden;
+        if todo == 0 {
+            return (0, true);
+        }
         let own_cuts = cuts.block(here.block);
         let mut whole = places.whole;
-        if todo != 0 && own_cuts.layers > 0 {
+        if own_cuts.layers > 0 {
             let limits = [self.near, own_cuts.nearest, own_cuts.hidden];
-            let places = kernels.places_in(simd, here.tile.corner_pixel(here.block), limits);
+            let places = apart(
+                simd,
+                #[inline(always)]
+                || kernels.places_in(simd, here.tile.corner_pixel(here.block), limits),
+            );
             (todo, whole) = (todo & !places.hidden, places.whole);
         }
         // Those that the near plane or a cut may go through.
         let mut between = todo & !whole;
         let count = todo.count_ones();
-        while todo != 0 {
+        loop {
             let next = before(todo, between);
-            if next != 0 {
-                self.plain(simd, here, (kernels, next), &mut runs.segments[0][here.block]);
-                todo ^= next;
+            todo ^= next;
+            let is_open = self.plain(simd, here, (kernels, next), &mut runs.segments[0][here.block]);
+            if todo == 0 || !is_open {
+                return (count, is_open);
             }
-            if between != 0 {
-                let number = between.trailing_zeros() as usize % BATCH;
-                between &= between - 1;
-                todo &= todo - 1;
-                self.shared(simd, here, (kernels, number), (cuts, own_cuts.segments, runs));
-            }
+            let number = between.trailing_zeros() as usize % BATCH;
+            (todo, between) = (todo & (todo - 1), between & (between - 1));
+            self.shared(simd, here, (kernels, number), (cuts, own_cuts.segments, runs));
         }
-        count
     }
 
-    /// Adds whole kernels to one run. What is seen stays in registers meanwhile.
+    /// Adds whole kernels to one run; says whether something is still seen through it. What is seen stays in registers
+    /// meanwhile.
     #[inline(always)]
-    fn plain<S: Simd>(&self, simd: S, here: Here<S>, (kernels, set): (&Kernels, u64), seen: &mut Seen) {
-        apart(
-            simd,
-            #[inline(always)]
-            || {
-                let mut opacity = load(simd, &seen.opacity);
-                let [mut red, mut green, mut blue] = seen.color.each_ref().each(
-                    #[inline(always)]
-                    |plane| load(simd, plane),
-                );
-                let mut rest = set;
-                while rest != 0 {
-                    let number = rest.trailing_zeros() as usize % BATCH;
-                    rest &= rest - 1;
-                    let alpha = kernels.alpha(simd, number, here.pixels, (here.tile, &self.lens));
-                    let color = kernels.color(number);
-                    let mut shown = alpha;
-                    for i in 0..4 {
-                        shown[i] = (-opacity[i]).mul_add(alpha[i], alpha[i]);
-                        opacity[i] += shown[i];
-                        red[i] = shown[i].mul_add(W::simd_from(simd, color[0]), red[i]);
-                        green[i] = shown[i].mul_add(W::simd_from(simd, color[1]), green[i]);
-                        blue[i] = shown[i].mul_add(W::simd_from(simd, color[2]), blue[i]);
-                    }
-                    if self.keeps_depth {
-                        self.add_depths(simd, here, (kernels, number), (&shown, &mut seen.depth));
-                    }
-                }
-                store(opacity, &mut seen.opacity);
-                for (color, plane) in [red, green, blue].into_iter().zip(&mut seen.color) {
-                    store(color, plane);
-                }
-            },
-        );
-    }
-
-    #[inline(always)]
-    fn add_depths<S: Simd>(
+    fn plain<S: Simd>(
         &self,
         simd: S,
         here: Here<S>,
-        (kernels, number): (&Kernels, usize),
-        (shown, plane): (&Block<S>, &mut Plane),
-    ) {
-        apart(
-            simd,
+        (kernels, mut set): (&Kernels, u64),
+        seen: &mut Seen,
+    ) -> bool {
+        let mut opacity = seen.opacity.load(simd);
+        let [mut red, mut green, mut blue] = seen.color.each_ref().each(
             #[inline(always)]
-            || {
-                let fragments = kernels.fragments(simd, number, here.pixels, (here.tile, &self.lens));
-                add_products(simd, plane, (fragments.depth, *shown));
-            },
+            |plane| plane.load(simd),
         );
+        while set != 0 {
+            let number = set.trailing_zeros() as usize % BATCH;
+            set &= set - 1;
+            let alpha = kernels.alpha(simd, number, here.pixels, (here.tile, &self.lens));
+            let shown = (-opacity).mul_add(alpha, alpha);
+            opacity += shown;
+            let color = kernels.color(number).each(
+                #[inline(always)]
+                |c| W::simd_from(simd, c),
+            );
+            red = shown.mul_add(color[0], red);
+            green = shown.mul_add(color[1], green);
+            blue = shown.mul_add(color[2], blue);
+            if self.keeps_depth {
+                apart(
+                    simd,
+                    #[inline(always)]
+                    || {
+                        let fragments = kernels.fragments(simd, number, here.pixels, (here.tile, &self.lens));
+                        seen.depth.add_product(simd, fragments.depth, shown);
+                    },
+                );
+            }
+        }
+        seen.opacity.store(opacity);
+        for (color, plane) in [red, green, blue].into_iter().zip(&mut seen.color) {
+            plane.store(color);
+        }
+        opacity.simd_lt(W::simd_from(simd, 1.0 - self.spent)).any_true()
     }
 
     /// Shares a kernel out between the runs of a block:
@@ -237,37 +236,28 @@ impl Compositor<'_> {
             simd,
             #[inline(always)]
             || {
-                let fragments = kernels.fragments(simd, number, here.pixels, (here.tile, &self.lens));
+                let Fragments { strength, depth, sigma_z } =
+                    kernels.fragments(simd, number, here.pixels, (here.tile, &self.lens));
                 let color = kernels.color(number);
-                let Fragments { strength: mut tau, depth, sigma_z } = fragments;
-                let mut inverse = sigma_z;
-                for i in 0..4 {
-                    if kernels.is_opacity(number) {
-                        tau[i] = optical_depth(simd, tau[i]);
-                    }
-                    inverse[i] = W::simd_from(simd, 1.0) / sigma_z[i].max(W::simd_from(simd, 1e-20));
-                }
-                let mut from = [W::simd_from(simd, self.near); 4];
-                let mut before_from = shares_before(simd, &from, (&depth, &inverse));
+                let is_opacity = kernels.is_opacity(number);
+                let tau = if is_opacity { optical_depth(simd, strength) } else { strength };
+                let inverse = W::simd_from(simd, 1.0) / sigma_z.max(W::simd_from(simd, 1e-20));
+                let mut from = W::simd_from(simd, self.near);
+                let mut before_from = share_before(simd, (from - depth) * inverse);
                 for (segment, blocks) in runs.segments[..segments].iter_mut().enumerate() {
                     let seen = &mut blocks[here.block];
-                    let to = load(simd, cuts.depth(segment, here.block));
-                    let before_to = shares_before(simd, &to, (&depth, &inverse));
-                    let mut opacity = load(simd, &seen.opacity);
-                    let (mut shown, mut middle) = (to, to);
-                    for i in 0..4 {
-                        let share = (before_to[i] - before_from[i]).max(W::simd_from(simd, 0.0));
-                        let alpha = kernels.opacity(simd, number, tau[i] * share);
-                        shown[i] = (-opacity[i]).mul_add(alpha, alpha);
-                        opacity[i] += shown[i];
-                        middle[i] = depth[i].max(from[i]).min(to[i]);
-                    }
-                    store(opacity, &mut seen.opacity);
+                    let to = cuts.depth(segment, here.block).load(simd);
+                    let before_to = share_before(simd, (to - depth) * inverse);
+                    let share = (before_to - before_from).max(W::simd_from(simd, 0.0));
+                    let alpha = kernels.opacity(simd, number, tau * share);
+                    let opacity = seen.opacity.load(simd);
+                    let shown = (-opacity).mul_add(alpha, alpha);
+                    seen.opacity.store(opacity + shown);
                     for (plane, own) in seen.color.iter_mut().zip(color) {
-                        add_products(simd, plane, ([W::simd_from(simd, own); 4], shown));
+                        plane.add_product(simd, shown, W::simd_from(simd, own));
                     }
                     if self.keeps_depth {
-                        add_products(simd, &mut seen.depth, (middle, shown));
+                        seen.depth.add_product(simd, shown, depth.max(from).min(to));
                     }
                     (from, before_from) = (to, before_to);
                 }
@@ -281,27 +271,12 @@ fn before(set: u64, other: u64) -> u64 {
     if other == 0 { set } else { set & ((1 << other.trailing_zeros()) - 1) }
 }
 
-/// The shares of a kernel before some depths: Φ((depth − z)/σ_z), given z and 1/σ_z.
+/// Φ(x): the share of a kernel before a depth that lies xσ_z behind its middle.
 #[inline(always)]
-fn shares_before<S: Simd>(simd: S, depths: &Block<S>, (z, inverse): (&Block<S>, &Block<S>)) -> Block<S> {
-    let reach = W::simd_from(simd, REACH);
-    let mut away = *depths;
-    for i in 0..4 {
-        away[i] = (depths[i] - z[i]) * inverse[i];
-    }
-    let near = away.each(
-        #[inline(always)]
-        |x| x.abs().simd_lt(reach),
-    );
-    if ((near[0] | near[1]) | (near[2] | near[3])).any_true() {
-        return away.each(
-            #[inline(always)]
-            |x| normal_cdf(simd, x),
-        );
+fn share_before<S: Simd>(simd: S, x: W<S>) -> W<S> {
+    if x.abs().simd_lt(W::simd_from(simd, REACH)).any_true() {
+        return normal_cdf(simd, x);
     }
     let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
-    away.each(
-        #[inline(always)]
-        |x| x.simd_gt(zero).select(one, zero),
-    )
+    x.simd_gt(zero).select(one, zero)
 }

@@ -1,8 +1,7 @@
 //! Cuts: the surface layers of a tile's pixels, as the compositor and the resolver see them.
 
-use crate::columns::LANES;
 use crate::simd::*;
-use crate::tile::{BLOCK_SIDE, MAX_BLOCKS, Plane, Tile, load};
+use crate::tile::{MAX_BLOCKS, PIXELS, Plane, Tile};
 
 /// Layers a pixel; the last takes whatever is left.
 pub(crate) const MAX_LAYERS: usize = 4;
@@ -20,7 +19,7 @@ pub(crate) struct Cut {
     /// Unit normal in camera space, on the side that is seen.
     pub(crate) normal: [Plane; 3],
     /// The front-most record, whose cloud's material shades the layer; [`Cut::NO_RECORD`] where there is none.
-    pub(crate) record: [[u32; LANES]; BLOCK_SIDE],
+    pub(crate) record: [u32; PIXELS],
 }
 
 impl Cut {
@@ -28,11 +27,11 @@ impl Cut {
 
     /// No surface.
     pub(crate) const NONE: Self = Self {
-        depth: [[f32::INFINITY; LANES]; BLOCK_SIDE],
-        alpha: [[0.0; LANES]; BLOCK_SIDE],
-        color: [[[0.0; LANES]; BLOCK_SIDE]; 3],
-        normal: [[[0.0; LANES]; BLOCK_SIDE]; 3],
-        record: [[Self::NO_RECORD; LANES]; BLOCK_SIDE],
+        depth: Plane([f32::INFINITY; PIXELS]),
+        alpha: Plane::ZERO,
+        color: [Plane::ZERO; 3],
+        normal: [Plane::ZERO; 3],
+        record: [Self::NO_RECORD; PIXELS],
     };
 }
 
@@ -101,8 +100,14 @@ impl Cuts {
     }
 
     /// Adds a layer behind those that a block has.
-    pub(crate) fn push(&mut self, (tile, block): (Tile, usize), cut: Cut) {
+    #[inline(always)]
+    pub(crate) fn push<S: Simd>(&mut self, simd: S, (tile, block): (Tile, usize), mut cut: Cut) {
         let number = self.blocks[block].layers;
+        if let Some(before) = number.checked_sub(1) {
+            // Means of spans that overlap need not be in order; cuts are.
+            let before = self.layers[before][block].depth.load(simd);
+            cut.depth.store(cut.depth.load(simd).max(before));
+        }
         // What other blocks held before is of no meaning.
         self.layers[number].resize(tile.blocks(), Cut::NONE);
         self.layers[number][block] = cut;
@@ -115,36 +120,25 @@ impl Cuts {
         self.hidden = f32::NEG_INFINITY;
         let infinity = W::simd_from(simd, f32::INFINITY);
         for block in tile.visible_blocks() {
-            let mut sum = BlockCuts { hidden: f32::NEG_INFINITY, ..self.blocks[block] };
+            let mut sum = self.blocks[block];
             // What lies beside the picture hides everything.
-            let mut hidden = load(simd, &inside(tile, block));
-            let mut through = [W::simd_from(simd, 1.0); 4];
+            let mut hidden = tile.inside(simd, block).select(infinity, -infinity);
+            let mut through = W::simd_from(simd, 1.0);
             for (layer, cut) in self.layers(block).enumerate() {
-                let (depth, alpha) = (load(simd, &cut.depth), load(simd, &cut.alpha));
-                for i in 0..4 {
-                    sum.nearest = sum.nearest.min(depth[i].reduce_min());
-                    through[i] = (-through[i]).mul_add(alpha[i], through[i]);
-                    let is_open = hidden[i].simd_eq(infinity);
-                    let ends = is_open & through[i].simd_le(W::simd_from(simd, spent));
-                    if (is_open & !ends & depth[i].simd_lt(infinity)).any_true() {
-                        sum.segments = layer + 2;
-                    }
-                    hidden[i] = ends.select(depth[i], hidden[i]);
+                let (depth, alpha) = (cut.depth.load(simd), cut.alpha.load(simd));
+                sum.nearest = sum.nearest.min(depth.reduce_min());
+                through = (-through).mul_add(alpha, through);
+                let is_open = hidden.simd_eq(infinity);
+                let ends = is_open & through.simd_le(W::simd_from(simd, spent));
+                if (is_open & !ends & depth.simd_lt(infinity)).any_true() {
+                    sum.segments = layer + 2;
                 }
+                hidden = ends.select(depth, hidden);
             }
-            for hidden in hidden {
-                sum.hidden = sum.hidden.max(hidden.reduce_max());
-            }
+            sum.hidden = hidden.reduce_max();
             self.blocks[block] = sum;
             self.hidden = self.hidden.max(sum.hidden);
             self.segments = self.segments.max(sum.segments);
         }
     }
-}
-
-/// ∞ at the pixels of a block that lie in the picture, −∞ beside it.
-pub(crate) fn inside(tile: Tile, block: usize) -> Plane {
-    let [columns, rows] = tile.visible(block);
-    let lane = |row, column| if row < rows && column < columns { f32::INFINITY } else { f32::NEG_INFINITY };
-    std::array::from_fn(|row| std::array::from_fn(|column| lane(row, column)))
 }

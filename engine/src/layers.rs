@@ -10,54 +10,49 @@
 //! roughly from near to far, so that a block that is covered soon needs most of them no more.
 
 use crate::cloud::Cloud;
-use crate::columns::{Kind, LANES};
-use crate::cuts::{Cut, Cuts, MAX_LAYERS, inside};
+use crate::columns::Kind;
+use crate::cuts::{Cut, Cuts, MAX_LAYERS};
 use crate::footprint::{Record, Rect, SurfaceSample};
-use crate::raster::{BATCH, Sample, SurfelLens, Surfels};
+use crate::raster::{BATCH, SurfelLens, Surfels};
 use crate::simd::*;
-use crate::tile::{BLOCK_SIDE, Block, Plane, Tile, add_products, first_pixels, load, store};
+use crate::tile::{PIXELS, Tile, pixels};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 /// The layer that is being peeled from a block.
 struct Peel<S: Simd> {
     /// z of the first sample; −∞ where nothing is looked for, ∞ where nothing was found.
-    depth: Block<S>,
+    depth: W<S>,
     /// The layer takes samples that come nearer than this.
-    limit: Block<S>,
+    limit: W<S>,
     /// The first sample's record, or [`Cut::NO_RECORD`].
-    record: [u32x16<S>; 4],
+    record: u32x16<S>,
     /// The limit of the layer before.
-    previous: Block<S>,
+    previous: W<S>,
 }
 
 /// Sums over the samples of a layer.
-#[repr(C, align(64))]
-struct Sums {
+struct Sums<S: Simd> {
     /// Of the splats that show their front, and of those that show their back. The two sides of a thin sheet would
     /// cancel, so their normals are never added.
-    sides: [Side; 2],
-    color: [Plane; 3],
-    depth: Plane,
+    sides: [Side<S>; 2],
+    color: [W<S>; 3],
+    depth: W<S>,
     /// Of 1 − opacity.
-    clear: Plane,
+    clear: W<S>,
 }
 
 #[derive(Clone, Copy)]
-#[repr(C, align(64))]
-struct Side {
-    weight: Plane,
-    normal: [Plane; 3],
+struct Side<S: Simd> {
+    weight: W<S>,
+    normal: [W<S>; 3],
 }
 
-const ZERO: Plane = [[0.0; LANES]; BLOCK_SIDE];
-
-impl Sums {
-    const ZERO: Self = Self {
-        sides: [Side { weight: ZERO, normal: [ZERO; 3] }; 2],
-        color: [ZERO; 3],
-        depth: ZERO,
-        clear: ZERO,
-    };
+impl<S: Simd> Sums<S> {
+    #[inline(always)]
+    fn zero(simd: S) -> Self {
+        let zero = W::simd_from(simd, 0.0);
+        Self { sides: [Side { weight: zero, normal: [zero; 3] }; 2], color: [zero; 3], depth: zero, clear: zero }
+    }
 }
 
 /// How far one sees into a pixel past its layers so far.
@@ -88,6 +83,15 @@ impl<S: Simd> SeenThrough<S> {
         let alpha = before.simd_gt(zero).select(one - after / before, one);
         [alpha, after]
     }
+}
+
+/// A block of pixels.
+#[derive(Clone, Copy)]
+struct Here<S: Simd> {
+    /// Its first pixel, from the tile's.
+    corner: [f32; 2],
+    /// Columns and rows.
+    pixels: [W<S>; 2],
 }
 
 /// Buffers of one thread.
@@ -157,7 +161,7 @@ impl LayerBuilder<'_> {
             samples += self.peel(simd, (tile, block), buffers, cuts);
         }
         cuts.sum_up(simd, tile, self.spent);
-        samples * (BLOCK_SIDE * BLOCK_SIDE) as u64
+        samples * PIXELS as u64
     }
 
     /// Brings the records of a tile together.
@@ -215,7 +219,7 @@ impl LayerBuilder<'_> {
         cuts: &mut Cuts,
     ) -> u64 {
         let corner = tile.corner_pixel(block);
-        let pixels = first_pixels(simd, corner);
+        let here = Here { corner, pixels: pixels(simd, corner) };
         apart(
             simd,
             #[inline(always)]
@@ -223,21 +227,17 @@ impl LayerBuilder<'_> {
         );
         let LayerBuffers { batches, listed, .. } = buffers;
         let infinity = W::simd_from(simd, f32::INFINITY);
-        let wanted = load(simd, &inside(tile, block));
-        let mut peel = Peel {
-            depth: wanted,
-            limit: wanted,
-            record: [u32x16::simd_from(simd, Cut::NO_RECORD); 4],
-            previous: [-infinity; 4],
-        };
-        let nothing_yet = SeenThrough { bare: W::simd_from(simd, 1.0), covered: W::simd_from(simd, 0.0) };
-        let mut seen_through = [nothing_yet; 4];
+        let wanted = tile.inside(simd, block).select(infinity, -infinity);
+        let no_record = u32x16::simd_from(simd, Cut::NO_RECORD);
+        let mut peel = Peel { depth: wanted, limit: wanted, record: no_record, previous: -infinity };
+        let mut seen_through =
+            SeenThrough { bare: W::simd_from(simd, 1.0), covered: W::simd_from(simd, 0.0) };
         let mut evaluated = 0;
         for layer in 0..MAX_LAYERS {
             evaluated += apart(
                 simd,
                 #[inline(always)]
-                || self.find_first(simd, (batches, pixels), listed, &mut peel),
+                || self.find_first(simd, (batches, here), listed, &mut peel),
             );
             if listed.is_empty() {
                 break;
@@ -245,24 +245,23 @@ impl LayerBuilder<'_> {
             let last = layer + 1 == MAX_LAYERS;
             if last {
                 // The last layer takes every sample that is left.
-                for (limit, depth) in peel.limit.iter_mut().zip(peel.depth) {
-                    *limit = depth.simd_gt(-infinity).select(infinity, -infinity);
-                }
+                peel.limit = peel.depth.simd_gt(-infinity).select(infinity, -infinity);
             }
-            let mut sums = Sums::ZERO;
+            let mut sums = Sums::zero(simd);
             evaluated += apart(
                 simd,
                 #[inline(always)]
-                || self.sum_up(simd, (batches, corner, pixels), (listed, &peel), &mut sums),
+                || self.sum_up(simd, (batches, here), (listed, &peel), &mut sums),
             );
-            let closed = apart(
+            let mut cut = Cut::NONE;
+            let [found, goes_on] = apart(
                 simd,
                 #[inline(always)]
-                || close(simd, &mut peel, &sums, (&mut seen_through, last), self.spent),
+                || self.close(simd, (&mut peel, &sums), (&mut seen_through, last), &mut cut),
             );
-            let Some((cut, goes_on)) = closed else { break };
-            let depth_before = cuts.layers(block).last().map(|cut| cut.depth);
-            cuts.push((tile, block), cut.behind(simd, depth_before));
+            if found {
+                cuts.push(simd, (tile, block), cut);
+            }
             if !goes_on {
                 break;
             }
@@ -276,17 +275,13 @@ impl LayerBuilder<'_> {
     fn find_first<S: Simd>(
         &self,
         simd: S,
-        (batches, pixels): (&[Surfels], [W<S>; 2]),
+        (batches, here): (&[Surfels], Here<S>),
         listed: &mut Vec<Listed>,
         peel: &mut Peel<S>,
     ) -> u64 {
         let infinity = W::simd_from(simd, f32::INFINITY);
-        let mut deepest = greatest(peel.depth);
-        let done = -greatest([0, 1, 2, 3].each(
-            #[inline(always)]
-            |i| peel.depth[i].simd_gt(-infinity).select(-peel.previous[i], -infinity),
-        ));
-        let is_first_layer = done == f32::NEG_INFINITY;
+        let mut deepest = peel.depth.reduce_max();
+        let done = peel.depth.simd_gt(-infinity).select(peel.previous, infinity).reduce_min();
         let (mut kept, mut evaluated) = (0, 0);
         for place in 0..listed.len() {
             let candidate = listed[place];
@@ -300,29 +295,18 @@ impl LayerBuilder<'_> {
                 continue;
             }
             evaluated += 1;
-            let (surfels, number) = (&batches[candidate.batch as usize], candidate.number as usize % BATCH);
-            let sample: Sample<S> = surfels.sample(simd, number, pixels, &self.lens);
-            let mut nearer = [0, 1, 2, 3].each(
-                #[inline(always)]
-                |i| sample.inside[i] & sample.depth[i].simd_lt(peel.depth[i]),
-            );
-            if !any(nearer) {
+            let (surfels, number) = candidate.of(batches);
+            let sample = surfels.sample(simd, number, here.pixels, &self.lens);
+            let nearer = sample.inside & sample.depth.simd_lt(peel.depth);
+            if !nearer.any_true() {
                 continue;
             }
-            let spans = surfels.spans(simd, (number, &sample), pixels, &self.lens);
-            if !is_first_layer {
-                for i in 0..4 {
-                    nearer[i] &= spans.nearest[i].simd_gt(peel.previous[i]);
-                }
-            }
-            let record = u32x16::simd_from(simd, surfels.index[number]);
-            for i in 0..4 {
-                peel.depth[i] = nearer[i].select(sample.depth[i], peel.depth[i]);
-                let limit = spans.farthest[i] + surfels.tolerance[number];
-                peel.limit[i] = nearer[i].select(limit, peel.limit[i]);
-                peel.record[i] = nearer[i].select(record, peel.record[i]);
-            }
-            deepest = greatest(peel.depth);
+            let spans = surfels.spans(simd, (number, &sample), here.pixels, &self.lens);
+            let nearer = nearer & spans.nearest.simd_gt(peel.previous);
+            peel.depth = nearer.select(sample.depth, peel.depth);
+            peel.limit = nearer.select(spans.farthest + surfels.tolerance[number], peel.limit);
+            peel.record = nearer.select(u32x16::simd_from(simd, surfels.index[number]), peel.record);
+            deepest = peel.depth.reduce_max();
         }
         listed.truncate(kept);
         evaluated
@@ -333,174 +317,117 @@ impl LayerBuilder<'_> {
     fn sum_up<S: Simd>(
         &self,
         simd: S,
-        (batches, corner, pixels): (&[Surfels], [f32; 2], [W<S>; 2]),
+        (batches, here): (&[Surfels], Here<S>),
         (listed, peel): (&[Listed], &Peel<S>),
-        sums: &mut Sums,
+        sums: &mut Sums<S>,
     ) -> u64 {
-        let infinity = W::simd_from(simd, f32::INFINITY);
-        let farthest = greatest(peel.limit);
+        let (zero, infinity) = (W::simd_from(simd, 0.0), W::simd_from(simd, f32::INFINITY));
+        let farthest = peel.limit.reduce_max();
+        let is_behind = peel.previous.simd_gt(-infinity);
         let mut evaluated = 0;
         for candidate in listed.iter().filter(|candidate| candidate.nearest <= farthest) {
-            let (surfels, number) = (&batches[candidate.batch as usize], candidate.number as usize % BATCH);
+            let (surfels, number) = candidate.of(batches);
             evaluated += 1;
-            let mut sample = surfels.sample(simd, number, pixels, &self.lens);
+            let mut sample = surfels.sample(simd, number, here.pixels, &self.lens);
             // Only where what is seen lies behind the limit it matters where the plane is.
             let begins = surfels.begins(simd, number, &sample);
-            let mut open = sample.inside;
-            for i in 0..4 {
-                open[i] &= begins[i].simd_gt(peel.limit[i]) | peel.previous[i].simd_gt(-infinity);
+            if (sample.inside & (begins.simd_gt(peel.limit) | is_behind)).any_true() {
+                let spans = surfels.spans(simd, (number, &sample), here.pixels, &self.lens);
+                sample.inside &= spans.nearest.simd_gt(peel.previous) & spans.nearest.simd_le(peel.limit);
             }
-            if any(open) {
-                let spans = surfels.spans(simd, (number, &sample), pixels, &self.lens);
-                for i in 0..4 {
-                    sample.inside[i] &=
-                        spans.nearest[i].simd_gt(peel.previous[i]) & spans.nearest[i].simd_le(peel.limit[i]);
-                }
-                if !any(sample.inside) {
-                    continue;
-                }
+            if !sample.inside.any_true() {
+                continue;
             }
             let index = surfels.index[number] as usize;
             let SurfaceSample { normal, opacity, .. } = self.samples[index];
-            let weights = surfels.weights(simd, (number, &sample), pixels);
-            let mut depths = sample.depth;
-            for i in 0..4 {
-                // Where no sample was found the difference is infinite.
-                let zero = W::simd_from(simd, 0.0);
-                depths[i] = sample.inside[i].select(depths[i] - peel.depth[i], zero);
+            let weight =
+                sample.inside.select(surfels.weight(simd, (number, &sample), here.pixels), zero);
+            // Where no sample was found the difference is infinite.
+            let behind = sample.inside.select(sample.depth - peel.depth, zero);
+            sums.depth = behind.mul_add(weight, sums.depth);
+            sums.clear = weight.mul_add(W::simd_from(simd, 1.0 - opacity), sums.clear);
+            for (sum, own) in sums.color.iter_mut().zip(self.records[index].color) {
+                *sum = weight.mul_add(W::simd_from(simd, own), *sum);
             }
-            add_products(simd, &mut sums.depth, (depths, weights));
-            if opacity < 1.0 {
-                add_products(simd, &mut sums.clear, ([W::simd_from(simd, 1.0 - opacity); 4], weights));
-            }
-            for (plane, own) in sums.color.iter_mut().zip(self.records[index].color) {
-                add_products(simd, plane, ([W::simd_from(simd, own); 4], weights));
-            }
-            let Some(faces_away) = surfels.faces_away(number, corner) else {
-                let facing = surfels.exact_facing(simd, number, pixels);
-                for (side, sign) in sums.sides.iter_mut().zip([-1.0, 1.0]) {
-                    let mut own = weights;
-                    for (own, facing) in own.iter_mut().zip(facing) {
-                        let zero = W::simd_from(simd, 0.0);
-                        *own = (facing * sign).simd_gt(zero).select(*own, zero);
-                    }
-                    side.add(simd, normal, own);
+            match surfels.faces_away(number, here.corner) {
+                Some(false) => sums.sides[0].add(simd, normal, weight),
+                Some(true) => sums.sides[1].add(simd, normal, weight),
+                None => {
+                    let facing = surfels.exact_facing(simd, number, here.pixels);
+                    let back = facing.simd_gt(zero).select(weight, zero);
+                    sums.sides[0].add(simd, normal, weight - back);
+                    sums.sides[1].add(simd, normal, back);
                 }
-                continue;
-            };
-            sums.sides[usize::from(faces_away)].add(simd, normal, weights);
+            }
         }
         evaluated
     }
-}
 
-impl Side {
+    /// Turns the sums of a layer into a cut and makes ready for the next; says whether any pixel has a sample, and
+    /// whether another layer is needed.
     #[inline(always)]
-    fn add<S: Simd>(&mut self, simd: S, normal: [f32; 3], weights: Block<S>) {
-        add_products(simd, &mut self.weight, ([W::simd_from(simd, 1.0); 4], weights));
-        for (plane, normal) in self.normal.iter_mut().zip(normal) {
-            add_products(simd, plane, ([W::simd_from(simd, normal); 4], weights));
-        }
-    }
-}
-
-/// Turns the sums of a layer into a cut and makes ready for the next; says whether one is needed. `None` where no pixel
-/// has a sample.
-#[inline(always)]
-fn close<S: Simd>(
-    simd: S,
-    peel: &mut Peel<S>,
-    sums: &Sums,
-    (seen_through, last): (&mut [SeenThrough<S>; 4], bool),
-    spent: f32,
-) -> Option<(Cut, bool)> {
-    let no_record = u32x16::simd_from(simd, Cut::NO_RECORD);
-    let found = peel.record.each(
-        #[inline(always)]
-        |record| record.simd_ne(no_record),
-    );
-    if !any(found) {
-        return None;
-    }
-    let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
-    let infinity = W::simd_from(simd, f32::INFINITY);
-    let [front, back] = &sums.sides;
-    let [front_weight, back_weight] = [load(simd, &front.weight), load(simd, &back.weight)];
-    let mut cut = Cut::NONE;
-    let (mut depth, mut alpha) = (load(simd, &sums.depth), load(simd, &sums.clear));
-    let mut color = load3(simd, &sums.color);
-    let (mut normal, back_normal) = (load3(simd, &front.normal), load3(simd, &back.normal));
-    let mut goes_on = [zero.simd_lt(zero); 4];
-    for i in 0..4 {
-        let weight = front_weight[i] + back_weight[i];
+    fn close<S: Simd>(
+        &self,
+        simd: S,
+        (peel, sums): (&mut Peel<S>, &Sums<S>),
+        (seen_through, last): (&mut SeenThrough<S>, bool),
+        cut: &mut Cut,
+    ) -> [bool; 2] {
+        let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
+        let infinity = W::simd_from(simd, f32::INFINITY);
+        let no_record = u32x16::simd_from(simd, Cut::NO_RECORD);
+        let [front, back] = &sums.sides;
+        let weight = front.weight + back.weight;
         // Seen exactly edge-on a plane covers nothing.
-        let found = found[i] & weight.simd_gt(zero);
+        let found = peel.record.simd_ne(no_record) & weight.simd_gt(zero);
         let inverse = found.select(one / weight, zero);
-        let mut opacity = one - (alpha[i] * inverse).min(one);
+        let mut opacity = one - (sums.clear * inverse).min(one);
         if last {
             // The last layer may be several sheets, one behind the other.
-            let (through, sheets) = (one - opacity, weight.max(one));
-            opacity =
-                one - W::from_slice(simd, &std::array::from_fn::<f32, 16, _>(|k| through[k].powf(sheets[k])));
+            let (through, sheets): ([f32; PIXELS], [f32; PIXELS]) =
+                ((one - opacity).into(), weight.max(one).into());
+            let through: [f32; PIXELS] = std::array::from_fn(|i| through[i].powf(sheets[i]));
+            opacity = one - W::simd_from(simd, through);
         }
         let coverage = found.select(weight.min(one), zero);
-        let [own, seen] = seen_through[i].cover(simd, coverage, found.select(opacity, zero));
-        alpha[i] = found.select(own, zero);
-        depth[i] = found.select(depth[i].mul_add(inverse, peel.depth[i]), infinity);
+        let [alpha, seen] = seen_through.cover(simd, coverage, found.select(opacity, zero));
         // On the side that is seen.
-        let shows_front = front_weight[i].simd_ge(back_weight[i]);
-        let side = [0, 1, 2].each(
+        let shows_front = front.weight.simd_ge(back.weight);
+        let normal = [0, 1, 2].each(
             #[inline(always)]
-            |axis| shows_front.select(normal[axis][i], -back_normal[axis][i]),
+            |axis| shows_front.select(front.normal[axis], -back.normal[axis]),
         );
-        let unit = normalize_or_zero(simd, side);
+        let normal = normalize_or_zero(simd, normal);
+        cut.depth.store(found.select(sums.depth.mul_add(inverse, peel.depth), infinity));
+        cut.alpha.store(found.select(alpha, zero));
         for axis in 0..3 {
-            normal[axis][i] = found.select(unit[axis], zero);
-            color[axis][i] *= inverse;
+            cut.color[axis].store(sums.color[axis] * inverse);
+            cut.normal[axis].store(found.select(normal[axis], zero));
         }
-        let record = found.select(peel.record[i], no_record);
-        cut.record.as_flattened_mut()[16 * i..16 * i + 16].copy_from_slice(record.as_slice());
-        goes_on[i] = found & seen.simd_gt(W::simd_from(simd, spent));
-        peel.previous[i] = peel.limit[i];
-        peel.depth[i] = goes_on[i].select(infinity, -infinity);
-        peel.limit[i] = peel.depth[i];
-        peel.record[i] = no_record;
+        cut.record = found.select(peel.record, no_record).into();
+        let goes_on = found & seen.simd_gt(W::simd_from(simd, self.spent));
+        peel.previous = peel.limit;
+        peel.depth = goes_on.select(infinity, -infinity);
+        peel.limit = peel.depth;
+        peel.record = no_record;
+        [found.any_true(), goes_on.any_true() && !last]
     }
-    store(depth, &mut cut.depth);
-    store(alpha, &mut cut.alpha);
-    for axis in 0..3 {
-        store(color[axis], &mut cut.color[axis]);
-        store(normal[axis], &mut cut.normal[axis]);
-    }
-    Some((cut, any(goes_on) && !last))
 }
 
-impl Cut {
-    /// Means of spans that overlap need not be in order; cuts are.
+impl Listed {
+    /// Its batch, and its number there.
     #[inline(always)]
-    fn behind<S: Simd>(mut self, simd: S, depth_before: Option<Plane>) -> Self {
-        if let Some(before) = depth_before {
-            let (mut depth, before) = (load(simd, &self.depth), load(simd, &before));
-            for i in 0..4 {
-                depth[i] = depth[i].max(before[i]);
-            }
-            store(depth, &mut self.depth);
-        }
-        self
+    fn of(self, batches: &[Surfels]) -> (&Surfels, usize) {
+        (&batches[self.batch as usize], self.number as usize % BATCH)
     }
 }
 
-#[inline(always)]
-fn load3<S: Simd>(simd: S, planes: &[Plane; 3]) -> [Block<S>; 3] {
-    [load(simd, &planes[0]), load(simd, &planes[1]), load(simd, &planes[2])]
-}
-
-#[inline(always)]
-fn any<S: Simd>([a, b, c, d]: [mask32x16<S>; 4]) -> bool {
-    ((a | b) | (c | d)).any_true()
-}
-
-#[inline(always)]
-fn greatest<S: Simd>([a, b, c, d]: Block<S>) -> f32 {
-    a.max(b).max(c.max(d)).reduce_max()
+impl<S: Simd> Side<S> {
+    #[inline(always)]
+    fn add(&mut self, simd: S, normal: [f32; 3], weight: W<S>) {
+        self.weight += weight;
+        for (sum, normal) in self.normal.iter_mut().zip(normal) {
+            *sum = weight.mul_add(W::simd_from(simd, normal), *sum);
+        }
+    }
 }

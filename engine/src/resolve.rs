@@ -1,7 +1,6 @@
 //! Stage `resolve`: a tile's cuts and runs to shaded pixels of the frame.
 
 use crate::color::linear_to_srgb;
-use crate::columns::Lanes;
 use crate::composite::Runs;
 use crate::cuts::{Cut, Cuts};
 use crate::footprint::{Lens, Record, SurfaceSample};
@@ -9,8 +8,9 @@ use crate::frame::{Channels, Frame, FrameRows};
 use crate::scene::{Blend, RenderSettings};
 use crate::shade::Shader;
 use crate::simd::*;
-use crate::tile::Tile;
+use crate::tile::{BLOCK_SIDE, PIXELS, Tile, pixels};
 use glam::DMat3;
+use std::ops::Range;
 
 /// Finishes pixels.
 pub(crate) struct Resolver<'a> {
@@ -24,19 +24,19 @@ pub(crate) struct Resolver<'a> {
     pub(crate) camera_to_world: DMat3,
 }
 
-/// What a stretch of eight rays sends towards the camera and lets through.
+/// What a block of rays sends towards the camera and lets through.
 #[derive(Clone, Copy)]
 struct Seen<S: Simd> {
-    color: V3<S>,
-    depth: V<S>,
-    opacity: V<S>,
+    color: [W<S>; 3],
+    depth: W<S>,
+    opacity: W<S>,
 }
 
 impl<S: Simd> Seen<S> {
     /// (C, T)∘(C', T') = (C + T·C', T·T').
     #[inline(always)]
     fn over(self, simd: S, behind: Self) -> Self {
-        let through = splat(simd, 1.0) - self.opacity;
+        let through = W::simd_from(simd, 1.0) - self.opacity;
         Self {
             color: [0, 1, 2].each(
                 #[inline(always)]
@@ -48,7 +48,7 @@ impl<S: Simd> Seen<S> {
     }
 
     #[inline(always)]
-    fn layer(color: V3<S>, depth: V<S>, alpha: V<S>) -> Self {
+    fn layer(color: [W<S>; 3], depth: W<S>, alpha: W<S>) -> Self {
         Self {
             color: color.each(
                 #[inline(always)]
@@ -73,15 +73,17 @@ impl Resolver<'_> {
     ) {
         let background = self.background(simd);
         for block in tile.visible_blocks() {
+            let seen = self.block(simd, tile, block, (cuts, runs));
+            let color = self.color(simd, seen, background);
             let [columns, height] = tile.visible(block);
             let [left, top] = tile.corner(block);
             for row in 0..height {
-                let seen = self.row(simd, tile, (block, row), (cuts, runs));
                 let place = rows.place(tile.origin[0] + left, top + row);
-                self.store_color(simd, seen, background, &mut rows.color[place..place + columns]);
+                let first = row * BLOCK_SIDE;
+                rows.color[place..place + columns].copy_from_slice(&color[first..first + columns]);
                 if rows.channels == Channels::All {
-                    let first = cuts.layers(block).next().unwrap_or(&Cut::NONE);
-                    self.store_rest(seen, (first, row), columns, (place, rows));
+                    let cut = cuts.layers(block).next().unwrap_or(&Cut::NONE);
+                    self.store_rest(seen, cut, first..first + columns, (place, rows));
                 }
             }
         }
@@ -89,33 +91,37 @@ impl Resolver<'_> {
 
     /// run₀ ∘ cut₁ ∘ run₁ ∘ … ∘ run_K.
     #[inline(always)]
-    fn row<S: Simd>(
+    fn block<S: Simd>(
         &self,
         simd: S,
         tile: Tile,
-        (block, row): (usize, usize),
+        block: usize,
         (cuts, runs): (&Cuts, Option<&Runs>),
     ) -> Seen<S> {
-        let read = |lanes: Lanes| V::simd_from(simd, lanes);
         let run = |segment: usize| {
-            let block = runs.map_or(&crate::composite::Seen::CLEAR, |runs| runs.block(segment, block));
+            let run = runs.map_or(&crate::composite::Seen::CLEAR, |runs| runs.block(segment, block));
             Seen {
-                color: block.color.each(
+                color: run.color.each_ref().each(
                     #[inline(always)]
-                    |plane| read(plane[row]),
+                    |plane| plane.load(simd),
                 ),
-                depth: read(block.depth[row]),
-                opacity: read(block.opacity[row]),
+                depth: run.depth.load(simd),
+                opacity: run.opacity.load(simd),
             }
         };
         let segments = if runs.is_some() { cuts.block(block).segments } else { 1 };
         let mut seen = run(0);
         for (layer, cut) in cuts.layers(block).enumerate() {
-            let alpha = read(cut.alpha[row]);
-            let found = alpha.simd_gt(splat(simd, 0.0));
+            let alpha = cut.alpha.load(simd);
+            let zero = W::simd_from(simd, 0.0);
+            let found = alpha.simd_gt(zero);
             if found.any_true() {
-                let depth = keep(simd, found, read(cut.depth[row]));
-                let color = self.shade(simd, (tile, block), (cut, row), depth);
+                let depth = found.select(cut.depth.load(simd), zero);
+                let color = apart(
+                    simd,
+                    #[inline(always)]
+                    || self.shade(simd, (tile, block), cut, depth),
+                );
                 seen = seen.over(simd, Seen::layer(color, depth, alpha));
             }
             if layer + 1 < segments {
@@ -131,38 +137,38 @@ impl Resolver<'_> {
         &self,
         simd: S,
         (tile, block): (Tile, usize),
-        (cut, row): (&Cut, usize),
-        depth: V<S>,
-    ) -> V3<S> {
-        let base = cut.color.each(
+        cut: &Cut,
+        depth: W<S>,
+    ) -> [W<S>; 3] {
+        let [base, normal] = [&cut.color, &cut.normal].each(
             #[inline(always)]
-            |plane| V::simd_from(simd, plane[row]),
+            |planes| {
+                planes.each_ref().each(
+                    #[inline(always)]
+                    |plane| plane.load(simd),
+                )
+            },
         );
         if !self.settings.shade {
             return base;
         }
-        let first = tile.first_center(block, row);
-        let position = self.lens.positions(simd, lane_numbers(simd) + first.x as f32, first.y as f32, depth);
-        let normal = cut.normal.each(
-            #[inline(always)]
-            |plane| V::simd_from(simd, plane[row]),
-        );
+        let [x, y] = pixels(simd, tile.corner_pixel(block));
+        let [left, top] = tile.origin.map(|pixel| pixel as f32 + 0.5);
+        let position = self.lens.positions([x + left, y + top], depth);
         let cloud_of = |record: u32| match record {
             Cut::NO_RECORD => None,
             index => Some(self.records[index as usize].tag.cloud),
         };
-        let clouds = cut.record[row].each(cloud_of);
-        let mut color = splat3(simd, [0.0; 3]);
-        for (lane, cloud) in clouds.iter().enumerate() {
+        let clouds = cut.record.map(cloud_of);
+        let mut color = [W::simd_from(simd, 0.0); 3];
+        for (pixel, cloud) in clouds.iter().enumerate() {
             let Some(cloud) = *cloud else { continue };
-            if clouds[..lane].contains(&Some(cloud)) {
+            if clouds[..pixel].contains(&Some(cloud)) {
                 continue;
             }
-            let own = clouds.each(
-                #[inline(always)]
-                |other| if other == Some(cloud) { -1 } else { 0 },
-            );
-            let own = i32x8::simd_from(simd, own).simd_lt(i32x8::simd_from(simd, 0));
+            let own: u64 =
+                (0..PIXELS).map(|pixel| u64::from(clouds[pixel] == Some(cloud)) << pixel).sum();
+            let own = mask32x16::from_bitmask(simd, own);
             let shaded = self.shaders[cloud as usize].shade_wide(simd, base, normal, position);
             color = [0, 1, 2].each(
                 #[inline(always)]
@@ -180,49 +186,50 @@ impl Resolver<'_> {
         if self.settings.blend == Blend::Display {
             color = color.map(linear_to_srgb);
         }
-        Seen::layer(splat3(simd, color), splat(simd, 0.0), splat(simd, alpha))
+        let color = color.each(
+            #[inline(always)]
+            |c| W::simd_from(simd, c),
+        );
+        Seen::layer(color, W::simd_from(simd, 0.0), W::simd_from(simd, alpha))
     }
 
     /// Linear, premultiplied colours over the background.
     #[inline(always)]
-    fn store_color<S: Simd>(&self, simd: S, seen: Seen<S>, background: Seen<S>, pixels: &mut [[f32; 4]]) {
+    fn color<S: Simd>(&self, simd: S, seen: Seen<S>, background: Seen<S>) -> [[f32; 4]; PIXELS] {
         let all = seen.over(simd, background);
         let mut color = all.color;
         if self.settings.blend == Blend::Display {
-            let zero = splat(simd, 0.0);
+            let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
             let some = all.opacity.simd_gt(zero);
-            let inverse = keep(simd, some, splat(simd, 1.0) / all.opacity);
+            let inverse = some.select(one / all.opacity, zero);
             color = color.each(
                 #[inline(always)]
                 |c| some.select(srgb_to_linear(simd, c * inverse) * all.opacity, c),
             );
         }
-        let [red, green, blue, alpha]: [Lanes; 4] = [color[0], color[1], color[2], all.opacity].each(
+        let channels: [[f32; PIXELS]; 4] = [color[0], color[1], color[2], all.opacity].each(
             #[inline(always)]
             |v| v.into(),
         );
-        for (lane, pixel) in pixels.iter_mut().enumerate() {
-            *pixel = [red[lane], green[lane], blue[lane], alpha[lane]];
-        }
+        std::array::from_fn(|pixel| channels.map(|channel| channel[pixel]))
     }
 
     #[inline(always)]
     fn store_rest<S: Simd>(
         &self,
         seen: Seen<S>,
-        (first, row): (&Cut, usize),
-        columns: usize,
+        cut: &Cut,
+        row: Range<usize>,
         (place, rows): (usize, &mut FrameRows),
     ) {
-        let (depth, opacity): (Lanes, Lanes) = (seen.depth.into(), seen.opacity.into());
-        for lane in 0..columns {
-            let place = place + lane;
+        let (depth, opacity): ([f32; PIXELS], [f32; PIXELS]) = (seen.depth.into(), seen.opacity.into());
+        for (place, pixel) in (place..).zip(row) {
             rows.expected_depth[place] =
-                if opacity[lane] > 0.0 { depth[lane] / opacity[lane] } else { f32::INFINITY };
-            rows.depth[place] = first.depth[row][lane];
-            let normal = glam::Vec3::from(first.normal.map(|plane| plane[row][lane]));
+                if opacity[pixel] > 0.0 { depth[pixel] / opacity[pixel] } else { f32::INFINITY };
+            rows.depth[place] = cut.depth.0[pixel];
+            let normal = glam::Vec3::from(cut.normal.map(|plane| plane.0[pixel]));
             rows.normal[place] = (self.camera_to_world * normal.as_dvec3()).as_vec3().to_array();
-            rows.id[place] = match first.record[row][lane] {
+            rows.id[place] = match cut.record[pixel] {
                 Cut::NO_RECORD => Frame::NO_ID,
                 index => self.samples[index as usize].id,
             };

@@ -1,23 +1,46 @@
-//! Tiles of the picture, and their pixels as the rasterizer keeps them: in blocks of 8×8.
+//! Tiles of the picture, and their pixels as the rasterizer keeps them: in blocks of 4×4, each of which fills a register.
 
-use crate::columns::{LANES, Lanes};
 use crate::simd::*;
-use glam::DVec2;
 
 /// The largest side of a tile in pixels.
 pub(crate) const MAX_SIDE: usize = 32;
 
 /// Rows and columns of a block.
-pub(crate) const BLOCK_SIDE: usize = LANES;
+pub(crate) const BLOCK_SIDE: usize = 4;
+
+/// Pixels of a block.
+pub(crate) const PIXELS: usize = BLOCK_SIDE * BLOCK_SIDE;
 
 /// Blocks of the largest tile.
 pub(crate) const MAX_BLOCKS: usize = (MAX_SIDE / BLOCK_SIDE) * (MAX_SIDE / BLOCK_SIDE);
 
-/// A number for each pixel of a block, by rows.
-pub(crate) type Plane = [Lanes; BLOCK_SIDE];
+/// From the centre of a block's first pixel to its middle.
+pub(crate) const HALF_BLOCK: f32 = (BLOCK_SIDE - 1) as f32 / 2.0;
 
-/// A block of pixels in registers: two rows in each.
-pub(crate) type Block<S> = [W<S>; BLOCK_SIDE / 2];
+/// A number for each pixel of a block, by rows.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct Plane(pub(crate) [f32; PIXELS]);
+
+impl Plane {
+    pub(crate) const ZERO: Self = Self([0.0; PIXELS]);
+
+    #[inline(always)]
+    pub(crate) fn load<S: Simd>(&self, simd: S) -> W<S> {
+        W::simd_from(simd, self.0)
+    }
+
+    #[inline(always)]
+    pub(crate) fn store<S: Simd>(&mut self, pixels: W<S>) {
+        self.0 = pixels.into();
+    }
+
+    /// Adds a · b.
+    #[inline(always)]
+    pub(crate) fn add_product<S: Simd>(&mut self, simd: S, a: W<S>, b: W<S>) {
+        self.store(a.mul_add(b, self.load(simd)));
+    }
+}
 
 /// A square of pixels at the places that are multiples of its side; the picture may end within it.
 ///
@@ -41,16 +64,19 @@ impl Tile {
     }
 
     /// Blocks in a row, and in a column.
+    #[inline(always)]
     pub(crate) fn blocks_a_side(self) -> usize {
         self.side / BLOCK_SIDE
     }
 
     /// All blocks, also those beside the picture.
+    #[inline(always)]
     pub(crate) fn blocks(self) -> usize {
         self.blocks_a_side() * self.blocks_a_side()
     }
 
     /// Where a block's first pixel is, from the tile's.
+    #[inline(always)]
     pub(crate) fn corner(self, block: usize) -> [usize; 2] {
         [block / self.blocks_a_side() * BLOCK_SIDE, block % self.blocks_a_side() * BLOCK_SIDE]
     }
@@ -65,52 +91,43 @@ impl Tile {
     }
 
     /// How many columns and rows of a block lie in the picture.
+    #[inline(always)]
     pub(crate) fn visible(self, block: usize) -> [usize; 2] {
         let corner = self.corner(block);
-        [0, 1].map(|axis| self.size[axis].saturating_sub(corner[axis]).min(BLOCK_SIDE))
+        [0, 1].each(
+            #[inline(always)]
+            |axis| self.size[axis].saturating_sub(corner[axis]).min(BLOCK_SIDE),
+        )
     }
 
     /// Blocks that reach into the picture.
+    #[inline(always)]
     pub(crate) fn visible_blocks(self) -> impl Iterator<Item = usize> {
-        (0..self.blocks()).filter(move |block| self.visible(*block).iter().all(|length| *length > 0))
+        (0..self.blocks()).filter(
+            #[inline(always)]
+            move |block| !self.visible(*block).contains(&0),
+        )
     }
 
-    /// The centre of the first pixel of a block's row, in the picture.
-    pub(crate) fn first_center(self, block: usize, row: usize) -> DVec2 {
-        let [left, top] = self.corner(block);
-        DVec2::new((self.origin[0] + left) as f64, (self.origin[1] + top + row) as f64) + 0.5
-    }
-}
-
-/// Columns and rows, from a tile's first pixel, of the first two rows of a block with a corner.
-#[inline(always)]
-pub(crate) fn first_pixels<S: Simd>(simd: S, corner: [f32; 2]) -> [W<S>; 2] {
-    let column: [f32; 16] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
-    let row = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0];
-    [W::simd_from(simd, column) + corner[0], W::simd_from(simd, row) + corner[1]]
-}
-
-#[inline(always)]
-pub(crate) fn load<S: Simd>(simd: S, plane: &Plane) -> Block<S> {
-    [0, 1, 2, 3].each(
-        #[inline(always)]
-        |pair| W::from_slice(simd, &plane.as_flattened()[16 * pair..16 * pair + 16]),
-    )
-}
-
-#[inline(always)]
-pub(crate) fn store<S: Simd>(block: Block<S>, plane: &mut Plane) {
-    for (pair, two_rows) in block.iter().enumerate() {
-        two_rows.store_slice(&mut plane.as_flattened_mut()[16 * pair..16 * pair + 16]);
+    /// Whether each pixel of a block lies in the picture.
+    #[inline(always)]
+    pub(crate) fn inside<S: Simd>(self, simd: S, block: usize) -> mask32x16<S> {
+        let corner = self.corner_pixel(block);
+        let pixels = pixels(simd, corner);
+        let end = self.size.each(
+            #[inline(always)]
+            |length| W::simd_from(simd, length as f32),
+        );
+        pixels[0].simd_lt(end[0]) & pixels[1].simd_lt(end[1])
     }
 }
 
-/// Adds a · b to a plane.
+/// Columns and rows of the pixels of a block with a corner, from the tile's first pixel.
 #[inline(always)]
-pub(crate) fn add_products<S: Simd>(simd: S, plane: &mut Plane, (a, b): (Block<S>, Block<S>)) {
-    let mut sum = load(simd, plane);
-    for i in 0..4 {
-        sum[i] = a[i].mul_add(b[i], sum[i]);
-    }
-    store(sum, plane);
+pub(crate) fn pixels<S: Simd>(simd: S, corner: [f32; 2]) -> [W<S>; 2] {
+    const COLUMNS: [f32; PIXELS] =
+        [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
+    const ROWS: [f32; PIXELS] =
+        [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];
+    [W::simd_from(simd, COLUMNS) + corner[0], W::simd_from(simd, ROWS) + corner[1]]
 }

@@ -61,12 +61,12 @@ impl Lens {
         }
     }
 
-    /// As [`Self::position`], for eight points of a row.
+    /// As [`Self::position`], for many points.
     #[inline(always)]
-    pub(crate) fn positions<S: Simd>(&self, simd: S, x: V<S>, y: f32, z: V<S>) -> V3<S> {
+    pub(crate) fn positions<S: Simd, F: Floats<S>>(&self, [x, y]: [F; 2], z: F) -> [F; 3] {
         let [focal, principal] = [self.focal.as_vec2(), self.principal.as_vec2()];
         let across = (x - principal.x) * (1.0 / focal.x);
-        let down = splat(simd, (y - principal.y) / focal.y);
+        let down = (y - principal.y) * (1.0 / focal.y);
         match self.projection {
             Projection::Perspective => [across * z, down * z, z],
             Projection::Orthographic => [across, down, z],

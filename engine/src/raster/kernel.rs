@@ -1,11 +1,11 @@
 //! Volume records to optical depths or opacities at the pixels of a block.
 
-use super::offsets::{ExactBlock, HALF_LOG2_E, Offsets, ROOT_HALF_LOG2_E};
+use super::offsets::{Exact, HALF_LOG2_E, ROOT_HALF_LOG2_E};
 use super::outline::{BATCH, BlockMasks, Column, Outlines, add_rect};
 use crate::camera::Projection;
 use crate::footprint::{Form, Kind, Lens, Record, Rect};
 use crate::simd::*;
-use crate::tile::{BLOCK_SIDE, Block, MAX_BLOCKS, Tile};
+use crate::tile::{HALF_BLOCK, MAX_BLOCKS, Tile};
 
 /// Up to this optical depth opacities are a cubic polynomial.
 const THIN_PEAK: f32 = 0.25;
@@ -51,10 +51,10 @@ pub(crate) struct Kernels {
 /// What a kernel is in a block.
 pub(crate) struct Fragments<S: Simd> {
     /// Optical depth, or opacity.
-    pub(crate) strength: Block<S>,
+    pub(crate) strength: W<S>,
     /// z of the densest point.
-    pub(crate) depth: Block<S>,
-    pub(crate) sigma_z: Block<S>,
+    pub(crate) depth: W<S>,
+    pub(crate) sigma_z: W<S>,
 }
 
 /// Sets of records by where they are in a block.
@@ -188,18 +188,17 @@ impl Kernels {
         corner: [f32; 2],
         [near, far, hidden]: [f32; 3],
     ) -> Places {
-        const HALF: f32 = (BLOCK_SIDE - 1) as f32 / 2.0;
         let constant = |x: f32| W::simd_from(simd, x);
         let mut places = Places { hidden: 0, whole: 0 };
         for first in (0..BATCH).step_by(16) {
             let read = |column: &Column| W::from_slice(simd, &column[first..first + 16]);
-            let x = constant(corner[0] + HALF) - read(&self.outlines.mean[0]);
-            let y = constant(corner[1] + HALF) - read(&self.outlines.mean[1]);
+            let x = constant(corner[0] + HALF_BLOCK) - read(&self.outlines.mean[0]);
+            let y = constant(corner[1] + HALF_BLOCK) - read(&self.outlines.mean[1]);
             let slope = [read(&self.depth_slope[0]), read(&self.depth_slope[1])];
             let (depth, sigma_z) = (read(&self.depth), read(&self.sigma_z));
             let exact = mask32x16::from_bitmask(simd, self.exact >> first);
             let middle = exact.select(depth, slope[0].mul_add(x, slope[1].mul_add(y, depth)));
-            let half = sigma_z.mul_add(constant(REACH), (slope[0].abs() + slope[1].abs()) * HALF);
+            let half = sigma_z.mul_add(constant(REACH), (slope[0].abs() + slope[1].abs()) * HALF_BLOCK);
             let half = exact.select(read(&self.reach), half);
             let (nearest, farthest) = (middle - half, middle + half);
             let whole = nearest.simd_gt(constant(near)) & farthest.simd_lt(constant(far));
@@ -207,11 +206,6 @@ impl Kernels {
             places.whole |= whole.to_bitmask() << first;
         }
         places
-    }
-
-    #[inline(always)]
-    fn offsets<S: Simd>(&self, simd: S, number: usize, corner: [W<S>; 2]) -> Offsets<S> {
-        self.outlines.offsets(simd, number, corner)
     }
 
     /// 2^x down to where the kernel ends, 0 beyond.
@@ -248,7 +242,7 @@ impl Kernels {
         }
     }
 
-    /// The opacity of a whole kernel at a block's pixels.
+    /// The opacity of a whole kernel at pixels.
     #[inline(always)]
     pub(crate) fn alpha<S: Simd>(
         &self,
@@ -256,38 +250,26 @@ impl Kernels {
         number: usize,
         pixels: [W<S>; 2],
         tile: (Tile, &KernelLens),
-    ) -> Block<S> {
+    ) -> W<S> {
         if !self.is_thin(number) {
             return apart(
                 simd,
                 #[inline(always)]
                 || {
                     let Fragments { strength, .. } = self.fragments(simd, number, pixels, tile);
-                    if self.is_opacity(number) {
-                        return strength;
-                    }
-                    strength.each(
-                        #[inline(always)]
-                        |tau| opacity(simd, tau),
-                    )
+                    if self.is_opacity(number) { strength } else { opacity(simd, strength) }
                 },
             );
         }
-        let offsets = self.offsets(simd, number, pixels);
-        let [first, second, third] = [0, 1, 2].each(
+        let w = self.weight(simd, number, self.outlines.offsets(simd, number, pixels).exponent);
+        let [first, second, third] = self.alpha.each_ref().each(
             #[inline(always)]
-            |i| W::simd_from(simd, self.alpha[i][number]),
+            |column| W::simd_from(simd, column[number]),
         );
-        [0, 1, 2, 3].each(
-            #[inline(always)]
-            |i| {
-                let w = self.weight(simd, number, offsets.exponent(i));
-                w * w.mul_add(w.mul_add(third, second), first)
-            },
-        )
+        w * w.mul_add(w.mul_add(third, second), first)
     }
 
-    /// Strength, z and σ_z at a block's pixels.
+    /// Strength, z and σ_z at pixels.
     #[inline(always)]
     pub(crate) fn fragments<S: Simd>(
         &self,
@@ -296,41 +278,27 @@ impl Kernels {
         pixels: [W<S>; 2],
         (tile, lens): (Tile, &KernelLens),
     ) -> Fragments<S> {
-        let offsets = self.offsets(simd, number, pixels);
+        let offsets = self.outlines.offsets(simd, number, pixels);
         let (depth, amplitude, sigma_z) = (self.depth[number], self.amplitude[number], self.sigma_z[number]);
         let slope = [self.depth_slope[0][number], self.depth_slope[1][number]];
         if self.exact >> number & 1 == 0 {
             return Fragments {
-                strength: [0, 1, 2, 3].each(
-                    #[inline(always)]
-                    |i| self.weight(simd, number, offsets.exponent(i)) * amplitude,
-                ),
+                strength: self.weight(simd, number, offsets.exponent) * amplitude,
                 depth: offsets.linear(simd, depth, slope),
-                sigma_z: [W::simd_from(simd, sigma_z); 4],
+                sigma_z: W::simd_from(simd, sigma_z),
             };
         }
-        let ExactBlock { exponent, depth, den } = ExactBlock::new(simd, &offsets, (depth, slope, sigma_z));
-        let scale = den.each(
-            #[inline(always)]
-            |den| inverse_root(simd, den),
-        );
-        let strength = [0, 1, 2, 3].each(
-            #[inline(always)]
-            |i| {
-                let strength = self.weight(simd, number, exponent[i]) * amplitude;
-                if self.is_opacity(number) {
-                    return strength;
-                }
-                let x = pixels[0] + (tile.origin[0] as f32 + 0.5);
-                let y = pixels[1] + (tile.origin[1] as f32 + 0.5 + 2.0 * i as f32);
-                strength * scale[i] * ray_lengths(simd, &lens.lens, [x, y])
-            },
-        );
-        let sigma_z = scale.each(
-            #[inline(always)]
-            |scale| scale * sigma_z,
-        );
-        Fragments { strength, depth, sigma_z }
+        let Exact { exponent, depth, den } = Exact::new(simd, &offsets, (depth, slope, sigma_z));
+        let scale = inverse_root(simd, den);
+        let mut strength = self.weight(simd, number, exponent) * amplitude;
+        if !self.is_opacity(number) {
+            let [x, y] = [0, 1].each(
+                #[inline(always)]
+                |axis| pixels[axis] + (tile.origin[axis] as f32 + 0.5),
+            );
+            strength *= scale * ray_lengths(simd, &lens.lens, [x, y]);
+        }
+        Fragments { strength, depth, sigma_z: scale * sigma_z }
     }
 }
 

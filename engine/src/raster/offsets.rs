@@ -1,7 +1,6 @@
 //! Where the pixels of a block are from a record's mean.
 
 use crate::simd::*;
-use crate::tile::Block;
 
 /// e^{−r/2} = 2^{−kr}.
 pub(crate) const HALF_LOG2_E: f32 = 0.5 * std::f32::consts::LOG2_E;
@@ -9,76 +8,61 @@ pub(crate) const HALF_LOG2_E: f32 = 0.5 * std::f32::consts::LOG2_E;
 /// √k, by which roots of conics are scaled.
 pub(crate) const ROOT_HALF_LOG2_E: f32 = 0.849_321_8;
 
-/// Offsets (u, v) and the two terms of kq = along² + across².
+/// Offsets (u, v) and −kq.
 pub(crate) struct Offsets<S: Simd> {
-    pub(crate) u: W<S>,
-    pub(crate) v: Block<S>,
-    pub(crate) along: Block<S>,
-    pub(crate) across: Block<S>,
+    u: W<S>,
+    v: W<S>,
+    pub(crate) exponent: W<S>,
 }
 
 impl<S: Simd> Offsets<S> {
-    /// From a record's mean and √k M; `pixels` are the columns and rows of the first two rows of pixels.
+    /// Of pixels by their columns and rows, from a record's mean and √k M.
     #[inline(always)]
     pub(crate) fn new(simd: S, pixels: [W<S>; 2], (mean, root): ([f32; 2], [f32; 3])) -> Self {
         let [a, b, c] = root;
         let (u, v) = (pixels[0] - mean[0], pixels[1] - mean[1]);
         let along = u.mul_add(W::simd_from(simd, a), v * b);
-        Self { u, v: by_rows(v, 1.0), along: by_rows(along, b), across: by_rows(v * c, c) }
-    }
-
-    /// −kq.
-    #[inline(always)]
-    pub(crate) fn exponent(&self, pair: usize) -> W<S> {
-        let (along, across) = (self.along[pair], self.across[pair]);
-        (-along).mul_sub(along, across * across)
+        let across = v * c;
+        Self { u, v, exponent: (-along).mul_sub(along, across * across) }
     }
 
     /// A function of the pixel that is linear.
     #[inline(always)]
-    pub(crate) fn linear(&self, simd: S, at_mean: f32, [x, y]: [f32; 2]) -> Block<S> {
-        let first = self.u.mul_add(W::simd_from(simd, x), self.v[0] * y) + at_mean;
-        by_rows(first, y)
+    pub(crate) fn linear(&self, simd: S, at_mean: f32, [x, y]: [f32; 2]) -> W<S> {
+        let rise = self.v.mul_add(W::simd_from(simd, y), W::simd_from(simd, at_mean));
+        self.u.mul_add(W::simd_from(simd, x), rise)
     }
 }
 
-/// Two rows of values, and those below, that change by `a_row` from row to row.
-#[inline(always)]
-fn by_rows<S: Simd>(first: W<S>, a_row: f32) -> Block<S> {
-    let step = W::simd_from(first.simd, 2.0 * a_row);
-    let second = first + step;
-    let third = second + step;
-    [first, second, third, third + step]
-}
-
-/// A record in the exact form at the pixels of a block.
+/// A record in the exact form at pixels.
 ///
 /// With κ = 1/d_z, t = 1 − κ·rise, den = t² + (κσ₀)² q: r = q/den, σ_z = σ₀/√den, z = (d_z − rise)/den.
-pub(crate) struct ExactBlock<S: Simd> {
+pub(crate) struct Exact<S: Simd> {
     /// −kr.
-    pub(crate) exponent: Block<S>,
+    pub(crate) exponent: W<S>,
     /// z of the densest point.
-    pub(crate) depth: Block<S>,
-    pub(crate) den: Block<S>,
+    pub(crate) depth: W<S>,
+    pub(crate) den: W<S>,
 }
 
-impl<S: Simd> ExactBlock<S> {
+impl<S: Simd> Exact<S> {
     /// From where pixels are, and a record's depth, its slope and σ₀.
     #[inline(always)]
-    pub(crate) fn new(simd: S, offsets: &Offsets<S>, (depth, slope, sigma_z): (f32, [f32; 2], f32)) -> Self {
-        let one = W::simd_from(simd, 1.0);
+    pub(crate) fn new(
+        simd: S,
+        offsets: &Offsets<S>,
+        (depth, slope, sigma_z): (f32, [f32; 2], f32),
+    ) -> Self {
         let inverse_depth = 1.0 / depth;
-        let spread = W::simd_from(simd, (inverse_depth * sigma_z).powi(2) / HALF_LOG2_E);
-        let rises = offsets.linear(simd, 0.0, slope);
-        let mut block = Self { exponent: rises, depth: rises, den: rises };
-        for i in 0..4 {
-            let exponent = offsets.exponent(i);
-            let t = one - rises[i] * inverse_depth;
-            block.den[i] = (-exponent).mul_add(spread, t * t);
-            let inverse = reciprocal(simd, block.den[i]);
-            block.exponent[i] = exponent * inverse;
-            block.depth[i] = (W::simd_from(simd, depth) - rises[i]) * inverse;
+        let spread = (inverse_depth * sigma_z).powi(2) / HALF_LOG2_E;
+        let rise = offsets.linear(simd, 0.0, slope);
+        let t = W::simd_from(simd, 1.0) - rise * inverse_depth;
+        let den = (-offsets.exponent).mul_add(W::simd_from(simd, spread), t * t);
+        let inverse = reciprocal(simd, den);
+        Self {
+            exponent: offsets.exponent * inverse,
+            depth: (W::simd_from(simd, depth) - rise) * inverse,
+            den,
         }
-        block
     }
 }

@@ -41,7 +41,7 @@ impl Outlines {
     #[inline(always)]
     pub(crate) fn meet<S: Simd>(&self, simd: S, tile: Tile, count: usize) -> BlockMasks {
         let mut masks = [0; MAX_BLOCKS];
-        let zero = W::simd_from(simd, 0.0);
+        let least = W::simd_from(simd, 1e-30);
         for first in (0..count).step_by(16) {
             let read = |column: &Column| W::from_slice(simd, &column[first..first + 16]);
             let (x, y) = (read(&self.mean[0]), read(&self.mean[1]));
@@ -64,8 +64,8 @@ impl Outlines {
                 let (left, right) = (left.max(-reach), right.min(reach));
                 let edge = |lowest: W<S>| {
                     let u = lowest.max(left).min(right);
-                    let under = (u * u).mul_add(per_u, end).max(zero) * inverse_s;
-                    (u, under.sqrt())
+                    let under = ((u * u).mul_add(per_u, end) * inverse_s).max(least);
+                    (u, under * inverse_root(simd, under))
                 };
                 let (u, half) = edge(lowest);
                 let bottom = u.mul_add(m, y) + half + 0.01;
@@ -140,7 +140,8 @@ mod tests {
                     };
                     let any = |margin: i32, end: f32| {
                         let pixel = |from: usize, i: i32| from as f32 + i as f32;
-                        (-margin..8 + margin).any(|i| (-margin..8 + margin).any(|j| q(pixel(left, i), pixel(top, j)) <= end))
+                        let mut pixels = (-margin..4 + margin).flat_map(|i| (-margin..4 + margin).map(move |j| (i, j)));
+                        pixels.any(|(i, j)| q(pixel(left, i), pixel(top, j)) <= end)
                     };
                     let met = masks[block] >> number & 1 == 1;
                     prop_assert!(met || !any(0, end - 1e-3), "{level:?}: block {block} is missing");

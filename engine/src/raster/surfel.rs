@@ -1,11 +1,11 @@
 //! Surface records to samples with a plane at the pixels of a block.
 
-use super::offsets::{ExactBlock, HALF_LOG2_E, ROOT_HALF_LOG2_E};
+use super::offsets::{Exact, HALF_LOG2_E, ROOT_HALF_LOG2_E};
 use super::outline::{BATCH, BlockMasks, Column, Outlines, add_rect};
 use crate::camera::Projection;
 use crate::footprint::{Form, Lens, Record, Rect};
 use crate::simd::*;
-use crate::tile::{BLOCK_SIDE, Block, MAX_BLOCKS, Tile};
+use crate::tile::{BLOCK_SIDE, HALF_BLOCK, MAX_BLOCKS, Tile};
 
 /// The steepest slope dz/dx that a surfel's plane is followed along: 88°.
 const STEEPEST: f32 = 30.0;
@@ -55,24 +55,24 @@ pub(crate) struct Surfels {
     pub(crate) masks: BlockMasks,
 }
 
-/// Surfaces at the pixels of a block, seen by one splat.
+/// A surface at pixels, seen by one splat.
 pub(crate) struct Sample<S: Simd> {
     /// Where the pixel is within the cut-off and behind the near plane.
-    pub(crate) inside: [mask32x16<S>; 4],
+    pub(crate) inside: mask32x16<S>,
     /// z of the densest point.
-    pub(crate) depth: Block<S>,
+    pub(crate) depth: W<S>,
     /// −kr.
-    exponent: Block<S>,
+    exponent: W<S>,
     /// In the exact form.
-    den: Option<Block<S>>,
+    den: Option<W<S>>,
 }
 
 /// The depths of samples, from where they are seen to where the surfel's plane passes the pixel.
 pub(crate) struct Spans<S: Simd> {
     /// The near end, and 3σ_z before it.
-    pub(crate) nearest: Block<S>,
+    pub(crate) nearest: W<S>,
     /// The far end.
-    pub(crate) farthest: Block<S>,
+    pub(crate) farthest: W<S>,
 }
 
 impl Surfels {
@@ -150,7 +150,7 @@ impl Surfels {
         }
         let at = |axis: usize| {
             let slope = self.facing_slope[axis][number];
-            let middle = corner[axis] + (BLOCK_SIDE - 1) as f32 / 2.0 - self.outlines.mean[axis][number];
+            let middle = corner[axis] + HALF_BLOCK - self.outlines.mean[axis][number];
             [slope * middle, slope.abs() * BLOCK_SIDE as f32 / 2.0]
         };
         let [[rise_x, half_x], [rise_y, half_y]] = [at(0), at(1)];
@@ -158,7 +158,7 @@ impl Surfels {
         (middle.abs() > half).then_some(middle > 0.0)
     }
 
-    /// A record at a block's pixels.
+    /// A record at pixels.
     #[inline(always)]
     pub(crate) fn sample<S: Simd>(
         &self,
@@ -171,49 +171,28 @@ impl Surfels {
         let slope = [self.depth_slope[0][number], self.depth_slope[1][number]];
         let (exponent, depth, den) = if self.is_exact(number) {
             let plane = (self.depth[number], slope, self.sigma_z[number]);
-            let ExactBlock { exponent, depth, den } = ExactBlock::new(simd, &offsets, plane);
+            let Exact { exponent, depth, den } = Exact::new(simd, &offsets, plane);
             (exponent, depth, Some(den))
         } else {
-            let exponent = [0, 1, 2, 3].each(
-                #[inline(always)]
-                |i| offsets.exponent(i),
-            );
-            (exponent, offsets.linear(simd, self.depth[number], slope), None)
+            (offsets.exponent, offsets.linear(simd, self.depth[number], slope), None)
         };
         let (end, near) = (W::simd_from(simd, -self.outlines.end[number]), W::simd_from(simd, lens.near));
-        let inside = [0, 1, 2, 3].each(
-            #[inline(always)]
-            |i| exponent[i].simd_ge(end) & depth[i].simd_gt(near),
-        );
-        Sample { inside, depth, exponent, den }
-    }
-
-    /// 3σ_z.
-    #[inline(always)]
-    fn reach<S: Simd>(&self, simd: S, number: usize, sample: &Sample<S>) -> Block<S> {
-        let reach = W::simd_from(simd, 3.0 * self.sigma_z[number]);
-        match sample.den {
-            Some(den) => den.each(
-                #[inline(always)]
-                |den| inverse_root(simd, den) * reach,
-            ),
-            None => [reach; 4],
-        }
+        Sample { inside: exponent.simd_ge(end) & depth.simd_gt(near), depth, exponent, den }
     }
 
     /// z less 3σ_z. Spans begin there or nearer.
     #[inline(always)]
-    pub(crate) fn begins<S: Simd>(&self, simd: S, number: usize, sample: &Sample<S>) -> Block<S> {
-        let mut begins = self.reach(simd, number, sample);
-        for (begin, depth) in begins.iter_mut().zip(sample.depth) {
-            *begin = depth - *begin;
+    pub(crate) fn begins<S: Simd>(&self, simd: S, number: usize, sample: &Sample<S>) -> W<S> {
+        let reach = W::simd_from(simd, -3.0 * self.sigma_z[number]);
+        match sample.den {
+            Some(den) => inverse_root(simd, den).mul_add(reach, sample.depth),
+            None => sample.depth + reach,
         }
-        begins
     }
 
     /// n·v over the coverage floor in the exact form.
     #[inline(always)]
-    pub(crate) fn exact_facing<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> Block<S> {
+    pub(crate) fn exact_facing<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
         let slope = [self.facing_slope[0][number], self.facing_slope[1][number]];
         self.outlines.offsets(simd, number, pixels).linear(simd, self.facing[number], slope)
     }
@@ -233,59 +212,34 @@ impl Surfels {
         let limit = zeta.abs() * lens.farthest_offset;
         let zero = W::simd_from(simd, 0.0);
         // n·v at the pixel less that at the mean, over that at the pixel; over that at the mean where rays are parallel.
-        let changes = match sample.den {
-            Some(_) => self.exact_facing(simd, number, pixels).each(
-                #[inline(always)]
-                |facing| (facing - self.facing[number]) * reciprocal(simd, facing),
-            ),
-            None => {
-                let tilt = [self.tilt[0][number], self.tilt[1][number]];
-                let changes = self.outlines.offsets(simd, number, pixels).linear(simd, 0.0, tilt);
-                if lens.is_perspective {
-                    changes.each(
-                        #[inline(always)]
-                        |change| change * reciprocal(simd, change + 1.0),
-                    )
-                } else {
-                    changes
-                }
-            }
+        let change = if sample.den.is_some() {
+            let facing = self.exact_facing(simd, number, pixels);
+            (facing - self.facing[number]) * reciprocal(simd, facing)
+        } else {
+            let tilt = [self.tilt[0][number], self.tilt[1][number]];
+            let change = self.outlines.offsets(simd, number, pixels).linear(simd, 0.0, tilt);
+            if lens.is_perspective { change * reciprocal(simd, change + 1.0) } else { change }
         };
-        let begins = self.begins(simd, number, sample);
-        let mut spans = Spans { nearest: sample.depth, farthest: sample.depth };
-        for i in 0..4 {
-            let offset = changes[i].mul_add(-zeta, depth - sample.depth[i]).max(-limit).min(limit);
-            spans.nearest[i] = begins[i] + offset.min(zero);
-            spans.farthest[i] = sample.depth[i] + offset.max(zero);
+        let offset = change.mul_add(-zeta, depth - sample.depth).max(-limit).min(limit);
+        Spans {
+            nearest: self.begins(simd, number, sample) + offset.min(zero),
+            farthest: sample.depth + offset.max(zero),
         }
-        spans
     }
 
-    /// Coverage over the cloud's floor, where a pixel is inside.
+    /// Coverage over the cloud's floor; of meaning where a pixel is inside.
     #[inline(always)]
-    pub(crate) fn weights<S: Simd>(
+    pub(crate) fn weight<S: Simd>(
         &self,
         simd: S,
         (number, sample): (usize, &Sample<S>),
         pixels: [W<S>; 2],
-    ) -> Block<S> {
-        let peaks = match sample.den {
-            Some(den) => {
-                let mut peaks = self.exact_facing(simd, number, pixels);
-                for (peak, den) in peaks.iter_mut().zip(den) {
-                    *peak = peak.abs() * inverse_root(simd, den);
-                }
-                peaks
-            }
-            None => [W::simd_from(simd, self.facing[number].abs()); 4],
+    ) -> W<S> {
+        let peak = match sample.den {
+            Some(den) => self.exact_facing(simd, number, pixels).abs() * inverse_root(simd, den),
+            None => W::simd_from(simd, self.facing[number].abs()),
         };
-        [0, 1, 2, 3].each(
-            #[inline(always)]
-            |i| {
-                let weight = exp2_coarse(simd, sample.exponent[i]) * peaks[i];
-                sample.inside[i].select(weight, W::simd_from(simd, 0.0))
-            },
-        )
+        exp2_coarse(simd, sample.exponent) * peak
     }
 
     /// For each record of the batch between which depths the spans of samples begin in the block with a corner, less
@@ -298,17 +252,16 @@ impl Surfels {
         lens: &SurfelLens,
         [nearest, seen_from, farthest]: [&mut Column; 3],
     ) {
-        const HALF: f32 = (BLOCK_SIDE - 1) as f32 / 2.0;
         let constant = |x: f32| W::simd_from(simd, x);
         let (one, infinity) = (constant(1.0), constant(f32::INFINITY));
         for first in (0..BATCH).step_by(16) {
             let read = |column: &Column| W::from_slice(simd, &column[first..first + 16]);
-            let x = constant(corner[0] + HALF) - read(&self.outlines.mean[0]);
-            let y = constant(corner[1] + HALF) - read(&self.outlines.mean[1]);
+            let x = constant(corner[0] + HALF_BLOCK) - read(&self.outlines.mean[0]);
+            let y = constant(corner[1] + HALF_BLOCK) - read(&self.outlines.mean[1]);
             let range = |slope: &[Column; 2]| {
                 let slope = [read(&slope[0]), read(&slope[1])];
                 let middle = slope[0].mul_add(x, slope[1] * y);
-                let half = (slope[0].abs() + slope[1].abs()) * HALF;
+                let half = (slope[0].abs() + slope[1].abs()) * HALF_BLOCK;
                 [middle - half, middle + half]
             };
             // 1/x of a range; without bounds where it comes near zero.
