@@ -4,7 +4,7 @@
 //! a·b + c is rounded once or twice.
 
 pub(crate) use fearless_simd::prelude::*;
-pub(crate) use fearless_simd::{Simd, f32x4, f32x8, i32x8, mask32x8, u32x8};
+pub(crate) use fearless_simd::{Simd, f32x8, i32x8, mask32x8, u32x8};
 
 /// Sets of instructions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
