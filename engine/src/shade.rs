@@ -91,6 +91,13 @@ impl Shader {
         normal: V3<S>,
         position: V3<S>,
     ) -> V3<S> {
+        if !self.is_lit() {
+            let light = self.ambient * self.material.ambient;
+            return [0, 1, 2].each(
+                #[inline(always)]
+                |i| base[i] * light[i],
+            );
+        }
         let cosine = dot(normal, self.to_eye_wide(simd, position));
         let turned = cosine.simd_lt(splat(simd, 0.0));
         self.shade_wide(
@@ -102,6 +109,12 @@ impl Shader {
             ),
             position,
         )
+    }
+
+    /// Whether lights that come from somewhere matter.
+    #[inline(always)]
+    fn is_lit(&self) -> bool {
+        self.material.diffuse > 0.0 || self.material.specular > 0.0
     }
 
     #[inline(always)]
@@ -125,7 +138,7 @@ impl Shader {
         let Material { ambient, diffuse, specular, exponent } = self.material;
         let mut light = splat3(simd, (self.ambient * ambient).to_array());
         let mut highlight = splat3(simd, [0.0; 3]);
-        if diffuse > 0.0 || specular > 0.0 {
+        if self.is_lit() {
             let to_eye = self.to_eye_wide(simd, position);
             for source in &self.sources {
                 let (towards, color) = match *source {

@@ -23,12 +23,12 @@ pub(super) struct Placed<S: Simd> {
     pub(super) inverse_z: V<S>,
     /// The ray through the centre, with z = 1.
     pub(super) ray: V3<S>,
-    /// Half-axes.
-    pub(super) columns: [V3<S>; 3],
 }
 
 /// Their footprints.
 pub(super) struct Footprints<S: Simd> {
+    /// Half-axes in camera space.
+    pub(super) columns: [V3<S>; 3],
     pub(super) mean: [V<S>; 2],
     pub(super) conic_root: V3<S>,
     pub(super) depth_slope: [V<S>; 2],
@@ -62,22 +62,29 @@ impl WideProjector<'_> {
     }
 
     #[inline(always)]
-    pub(super) fn place<S: Simd>(
-        &self,
-        simd: S,
-        block: usize,
-        (origin, from_middle): (Vec3, V3<S>),
-    ) -> Placed<S> {
+    pub(super) fn place<S: Simd>(&self, simd: S, origin: Vec3, from_middle: V3<S>) -> Placed<S> {
         let turned = Self::transform(simd, &self.to_camera, from_middle);
         let center = [0, 1, 2].each(
             #[inline(always)]
             |i| turned[i] + origin.to_array()[i],
         );
+        let (zero, one) = (splat(simd, 0.0), splat(simd, 1.0));
+        if self.perspective {
+            let inverse_z = one / center[2];
+            Placed { center, inverse_z, ray: [center[0] * inverse_z, center[1] * inverse_z, one] }
+        } else {
+            Placed { center, inverse_z: one, ray: [zero, zero, one] }
+        }
+    }
+
+    /// The half-axes of a block in camera space.
+    #[inline(always)]
+    fn half_axes<S: Simd>(&self, simd: S, block: usize) -> [V3<S>; 3] {
         let factor = match &self.scalar.cloud.columns().factors {
             Factors::Each(factors) => factors.block(block),
             Factors::Shared(_) => &self.shared_factor,
         };
-        let columns = [0, 3, 6].each(
+        [0, 3, 6].each(
             #[inline(always)]
             |k| {
                 let column = [0, 1, 2].each(
@@ -86,20 +93,13 @@ impl WideProjector<'_> {
                 );
                 Self::transform(simd, &self.to_camera, column)
             },
-        );
-        let one = splat(simd, 1.0);
-        if self.perspective {
-            let inverse_z = one / center[2];
-            Placed { center, inverse_z, ray: [center[0] * inverse_z, center[1] * inverse_z, one], columns }
-        } else {
-            let zero = splat(simd, 0.0);
-            Placed { center, inverse_z: one, ray: [zero, zero, one], columns }
-        }
+        )
     }
 
     #[inline(always)]
-    pub(super) fn footprints<S: Simd>(&self, simd: S, placed: &Placed<S>) -> Footprints<S> {
-        let Placed { center, inverse_z, ray, columns } = placed;
+    pub(super) fn footprints<S: Simd>(&self, simd: S, block: usize, placed: &Placed<S>) -> Footprints<S> {
+        let Placed { center, inverse_z, ray } = placed;
+        let columns = self.half_axes(simd, block);
         let [h2, h4] = [self.low_pass, self.low_pass * self.low_pass].each(
             #[inline(always)]
             |h| splat(simd, h),
@@ -111,11 +111,11 @@ impl WideProjector<'_> {
         // In pixels; for parallel rays the ray has no slope.
         let x = columns.each(
             #[inline(always)]
-            |g| (g[0] - ray[0] * g[2]) * scale_x,
+            |g| (-ray[0]).mul_add(g[2], g[0]) * scale_x,
         );
         let y = columns.each(
             #[inline(always)]
-            |g| (g[1] - ray[1] * g[2]) * scale_y,
+            |g| (-ray[1]).mul_add(g[2], g[1]) * scale_y,
         );
         let z = columns.each(
             #[inline(always)]
@@ -153,6 +153,7 @@ impl WideProjector<'_> {
         }
         let solid = self.focal[0] * self.focal[1] / std::f32::consts::TAU;
         Footprints {
+            columns,
             mean,
             conic_root: [root_y * inverse_root, -xy * inverse_y * inverse_root, inverse_y],
             depth_slope: [slope_x * inverse_area, slope_y * inverse_area],

@@ -1,4 +1,4 @@
-//! Looks, colours and normals.
+//! Colours, normals and amplitudes.
 
 use super::WideProjector;
 use super::geometry::{Footprints, Placed};
@@ -6,6 +6,12 @@ use crate::columns::{self, PackedHarmonics};
 use crate::harmonics::basis;
 use crate::scene::Blend;
 use crate::simd::*;
+
+/// Colours in the space of blending, shaded where the splats are a volume's, and unit normals or zero.
+pub(super) struct Colors<S: Simd> {
+    pub(super) color: V3<S>,
+    pub(super) normal: V3<S>,
+}
 
 /// What splats look like.
 pub(super) struct Looks<S: Simd> {
@@ -21,59 +27,49 @@ pub(super) struct Looks<S: Simd> {
 impl WideProjector<'_> {
     /// The base colours in the space of blending, as they are seen from the eye.
     #[inline(always)]
-    fn colors<S: Simd>(&self, simd: S, block: usize, towards: V3<S>) -> V3<S> {
+    fn base_colors<S: Simd>(&self, simd: S, block: usize, towards: V3<S>) -> V3<S> {
         let columns = self.scalar.cloud.columns();
         let linear = columns.colors.block(block).each(
             #[inline(always)]
             |lanes| V::simd_from(simd, lanes),
         );
         let blend = self.scalar.view.settings.blend;
-        match &columns.harmonics {
-            None if blend == Blend::Linear => linear,
-            None => linear.each(
-                #[inline(always)]
-                |c| linear_to_srgb(simd, c),
-            ),
-            Some(harmonics) => {
-                let direction = if self.perspective {
-                    normalize_or_zero(simd, towards)
-                } else {
-                    let forward = self.scalar.camera_to_cloud.matrix3.z_axis.normalize_or_zero();
-                    splat3(simd, forward.as_vec3().to_array())
-                };
-                let encoded = linear.each(
-                    #[inline(always)]
-                    |c| linear_to_srgb(simd, c),
-                );
-                let color = evaluate(simd, harmonics, block, direction);
-                let color = [0, 1, 2].each(
-                    #[inline(always)]
-                    |i| (encoded[i] + color[i]).max(splat(simd, 0.0)),
-                );
-                if blend == Blend::Linear {
-                    color.each(
-                        #[inline(always)]
-                        |c| srgb_to_linear(simd, c),
-                    )
-                } else {
-                    color
-                }
-            }
+        if columns.harmonics.is_none() && blend == Blend::Linear {
+            return linear;
         }
+        let mut encoded = colors_to_srgb(simd, linear);
+        if let Some(harmonics) = &columns.harmonics {
+            let direction = if self.perspective {
+                normalize_or_zero(simd, towards)
+            } else {
+                let forward = self.scalar.camera_to_cloud.matrix3.z_axis.normalize_or_zero();
+                splat3(simd, forward.as_vec3().to_array())
+            };
+            let color = evaluate(simd, harmonics, block, direction);
+            encoded = [0, 1, 2].each(
+                #[inline(always)]
+                |i| (encoded[i] + color[i]).max(splat(simd, 0.0)),
+            );
+        }
+        if blend == Blend::Display {
+            return encoded;
+        }
+        encoded.each(
+            #[inline(always)]
+            |c| srgb_to_linear(simd, c),
+        )
     }
 
     #[inline(always)]
-    pub(super) fn looks<S: Simd>(
+    pub(super) fn colors<S: Simd>(
         &self,
         simd: S,
         block: usize,
-        (placed, footprints): (&Placed<S>, &Footprints<S>),
+        placed: &Placed<S>,
         towards: V3<S>,
-    ) -> Looks<S> {
+    ) -> Colors<S> {
         let columns = self.scalar.cloud.columns();
-        let zero = splat(simd, 0.0);
-        let strength = V::simd_from(simd, columns.strengths.block(block)[0]) * self.strength_scale;
-        let mut color = self.colors(simd, block, towards);
+        let color = self.base_colors(simd, block, towards);
         let normal = match &columns.normals {
             None => splat3(simd, [0.0; 3]),
             Some(normals) => {
@@ -84,11 +80,26 @@ impl WideProjector<'_> {
                 normalize_or_zero(simd, Self::transform(simd, &self.normal_to_camera, normal))
             }
         };
-        let cutoff = splat(simd, self.cutoff);
-        let is_volume = !matches!(columns.kind, columns::Kind::Surface(_));
-        if is_volume && self.scalar.view.settings.shade {
-            color = self.scalar.shader.shade_wide_two_sided(simd, color, normal, placed.center);
+        let is_surface = matches!(columns.kind, columns::Kind::Surface(_));
+        if is_surface || !self.scalar.view.settings.shade {
+            return Colors { color, normal };
         }
+        let color = self.scalar.shader.shade_wide_two_sided(simd, color, normal, placed.center);
+        Colors { color, normal }
+    }
+
+    #[inline(always)]
+    pub(super) fn looks<S: Simd>(
+        &self,
+        simd: S,
+        block: usize,
+        (placed, footprints): (&Placed<S>, &Footprints<S>),
+        Colors { color, normal }: Colors<S>,
+    ) -> Looks<S> {
+        let columns = self.scalar.cloud.columns();
+        let zero = splat(simd, 0.0);
+        let strength = V::simd_from(simd, columns.strengths.block(block)[0]) * self.strength_scale;
+        let cutoff = splat(simd, self.cutoff);
         match columns.kind {
             columns::Kind::Extinction => {
                 let amplitude = strength * footprints.unit_integral;
@@ -105,7 +116,7 @@ impl WideProjector<'_> {
             }
             columns::Kind::Surface(surface) => {
                 let coverage = strength * footprints.unit_integral;
-                let [a, b, _] = placed.columns;
+                let [a, b, _] = footprints.columns;
                 let own = normalize_or_zero(simd, cross(a, b)).each(
                     #[inline(always)]
                     |n| n * self.handedness,

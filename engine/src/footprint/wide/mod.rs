@@ -114,13 +114,15 @@ impl<'a> WideProjector<'a> {
                 #[inline(always)]
                 |i| V::simd_from(simd, center[i]) - range.center.to_array()[i],
             );
-            let placed = self.place(simd, first / LANES, (origin, from_middle));
-            let footprints = self.footprints(simd, &placed);
             let towards = [0, 1, 2].each(
                 #[inline(always)]
                 |i| from_middle[i] - eye.to_array()[i] as f32,
             );
-            let looks = self.looks(simd, first / LANES, (&placed, &footprints), towards);
+            let block = first / LANES;
+            let placed = self.place(simd, origin, from_middle);
+            let colors = self.colors(simd, block, &placed, towards);
+            let footprints = self.footprints(simd, block, &placed);
+            let looks = self.looks(simd, block, (&placed, &footprints), colors);
             self.push(simd, (range, first, valid), (&placed, &footprints, &looks), (out, &mut ends));
         }
         out.run.include([ends[0].reduce_min(), ends[1].reduce_max()]);

@@ -33,24 +33,31 @@ impl WideProjector<'_> {
             & left.simd_lt(right)
             & top.simd_lt(bottom)
             & (z + reach).simd_gt(splat(simd, self.near));
-        let visible = seen.to_bitmask() as u32 & valid;
-        if visible != 0 {
-            let distance = if self.perspective { dot(placed.center, placed.center).sqrt() } else { z };
-            ends[0] = seen.select(distance, ends[0]).min(ends[0]);
-            ends[1] = seen.select(distance, ends[1]).max(ends[1]);
-            let start = out.run.len;
-            let edges = [left, top, right, bottom];
-            self.write(simd, (visible, exact), (placed, footprints, looks), (distance, edges), out);
-            if range.is_surface {
-                self.write_samples(simd, (range, first, visible), looks.normal, (start, out.samples));
-            }
-            out.run.len = start + visible.count_ones() as usize;
-        }
         // Wholly behind the camera.
         let behind = if self.perspective { (z + reach).simd_le(zero) } else { M::splat(simd, false) };
+        let mut visible = seen.to_bitmask() as u32 & valid;
         let mut hard = !(footprints.is_simple | behind).to_bitmask() as u32 & valid;
-        while hard != 0 {
+        let distance = if self.perspective { dot(placed.center, placed.center).sqrt() } else { z };
+        ends[0] = seen.select(distance, ends[0]).min(ends[0]);
+        ends[1] = seen.select(distance, ends[1]).max(ends[1]);
+        let edges = [left, top, right, bottom];
+        loop {
+            // Up to the next one that is left to the scalar projection: records keep the order of splats.
+            let before = hard.wrapping_sub(1) & !hard;
+            let now = visible & before;
+            if now != 0 {
+                let start = out.run.len;
+                self.write(simd, (now, exact), (placed, footprints, looks), (distance, edges), out);
+                if range.is_surface {
+                    self.write_samples(simd, (range, first, now), looks.normal, (start, out.samples));
+                }
+                out.run.len = start + now.count_ones() as usize;
+            }
+            if hard == 0 {
+                break;
+            }
             self.push_scalar(range, first + hard.trailing_zeros() as usize, out);
+            visible &= !before;
             hard &= hard - 1;
         }
     }
