@@ -32,7 +32,7 @@ impl Touched {
         const ONES: u32 = 0x0001_0001;
         let pair = |[x, y]: [u16; 2]| u32::from(x) | u32::from(y) << 16;
         // What one half of a pair shifts into the other doesn't stay.
-        let tiles = |pixels: u32| pixels >> log_side & (u32::from(u16::MAX) >> log_side) * ONES;
+        let tiles = |pixels: u32| (pixels >> log_side) & ((u32::from(u16::MAX) >> log_side) * ONES);
         let (first, behind) = (tiles(pair(rect.min)), tiles(pair(rect.max) - ONES) + ONES);
         Self(u64::from(first) | u64::from(behind) << 32)
     }
@@ -115,35 +115,20 @@ impl TileLists {
             }
         }
         self.starts.push(next);
-        // What a visit leaves out goes behind all lists.
-        let nowhere = next;
-        self.entries.resize_with(self.entries.len().max(nowhere as usize + 1), AtomicU32::default);
+        self.entries.resize_with(self.entries.len().max(next as usize), AtomicU32::default);
         let entries = self.entries.as_slice();
         self.counts.par_chunks_mut(count).enumerate().for_each(move |(share, next)| {
             let (order, kept) = (&order[share_of(share)], &scratch[share_of(share)]);
-            // Slots that are no tile's, three because what follows a store to the same place waits for it.
-            let slots = [columns - 1, count - 2, count - 1];
-            slots.map(|slot| next[slot] = nowhere);
-            let mut visit = |tile: usize, index: u32, step: bool| {
-                entries[next[tile] as usize].store(index, Relaxed);
-                next[tile] += u32::from(step);
-            };
             for (entry, kept) in order.iter().zip(kept) {
                 let (index, touched) = (entry.load(Relaxed), Touched(kept.load(Relaxed)));
                 let (across, down) = (touched.columns(), touched.rows());
-                let (first, last) = (down.start * columns, (down.end - 1) * columns);
-                if across.len() <= 2 && down.len() <= 2 {
-                    // Most are so small, and how small can't be guessed.
-                    let (is_wide, is_high) = (across.len() > 1, down.len() > 1);
-                    let tile = |is_touched, tile, slot| if is_touched { tile } else { slot };
-                    visit(first + across.start, index, true);
-                    visit(tile(is_wide, first + across.end - 1, slots[0]), index, is_wide);
-                    visit(tile(is_high, last + across.start, slots[1]), index, is_high);
-                    visit(tile(is_wide & is_high, last + across.end - 1, slots[2]), index, is_wide & is_high);
-                    continue;
-                }
-                for row in down {
-                    across.clone().for_each(|column| visit(row * columns + column, index, true));
+                let (mut row, end) = (down.start * columns, down.end * columns);
+                while row < end {
+                    for next in &mut next[row + across.start..row + across.end] {
+                        entries[*next as usize].store(index, Relaxed);
+                        *next += 1;
+                    }
+                    row += columns;
                 }
             }
         });

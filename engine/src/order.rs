@@ -132,10 +132,10 @@ impl Sorter {
                 (counts[bucket], next) = (next, next + counts[bucket]);
             }
         }
+        let (entries, digit) = (&entries, &digit);
         self.counts.par_iter_mut().enumerate().for_each(|(share, next)| {
-            // Copied, so that no store seems to change where it goes.
-            let store = store;
-            entries(share).for_each(|entry| {
+            // It has a copy of `store`, so that no store seems to change where it goes.
+            entries(share).for_each(move |entry| {
                 let place = &mut next[digit(entry)];
                 store(*place as usize, entry);
                 *place += 1;
@@ -187,7 +187,7 @@ mod tests {
             shares in prop::array::uniform2(0.0..=1.0f32),
         ) {
             let mut run = Run::new(0);
-            ends.map(|end| run.include([end; 2]));
+            ends.into_iter().for_each(|end| run.include([end; 2]));
             let keys = Keys::of(&[run]);
             let [a, b] = shares.map(|share| (ends[0] + share * (ends[1] - ends[0])).clamp(run.distances[0], run.distances[1]));
             let [near, far] = [a.min(b), a.max(b)];

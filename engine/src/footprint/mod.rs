@@ -84,6 +84,17 @@ impl Places<'_> {
         self.run.include([distance; 2]);
         self.run.len = place + 1;
     }
+
+    /// Puts the last splat before the one at `place`.
+    fn move_last_to(&mut self, place: usize) {
+        let moved = place..self.run.len;
+        self.records[moved.clone()].rotate_right(1);
+        self.rects[moved.clone()].rotate_right(1);
+        self.distances[moved.clone()].rotate_right(1);
+        if let Some(samples) = self.samples.get_mut(moved) {
+            samples.rotate_right(1);
+        }
+    }
 }
 
 impl Records {

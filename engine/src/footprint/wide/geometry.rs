@@ -11,7 +11,7 @@
 //! ```
 
 use super::{Rows, WideProjector};
-use crate::columns::{self, Factors};
+use crate::columns::{self, Factors, Lanes};
 use crate::scene::FootprintForm;
 use crate::simd::*;
 use glam::Vec3;
@@ -45,19 +45,22 @@ pub(super) struct Footprints<S: Simd> {
     pub(super) is_simple: M<S>,
 }
 
+/// Three numbers of each splat of a block.
+#[inline(always)]
+pub(super) fn lanes<S: Simd>(simd: S, rows: [Lanes; 3]) -> V3<S> {
+    rows.each(
+        #[inline(always)]
+        |row| V::simd_from(simd, row),
+    )
+}
+
 impl WideProjector<'_> {
     /// A vector by the rows of a matrix.
     #[inline(always)]
     pub(super) fn transform<S: Simd>(simd: S, rows: &Rows, v: V3<S>) -> V3<S> {
-        rows.each(
+        rows.each_ref().each(
             #[inline(always)]
-            |row| {
-                let row = row.each(
-                    #[inline(always)]
-                    |lanes| V::simd_from(simd, lanes),
-                );
-                dot(row, v)
-            },
+            |row| dot(lanes(simd, *row), v),
         )
     }
 
@@ -80,20 +83,22 @@ impl WideProjector<'_> {
     /// The half-axes of a block in camera space.
     #[inline(always)]
     fn half_axes<S: Simd>(&self, simd: S, block: usize) -> [V3<S>; 3] {
-        let factor = match &self.scalar.cloud.columns().factors {
-            Factors::Each(factors) => factors.block(block),
-            Factors::Shared(_) => &self.shared_factor,
-        };
-        [0, 3, 6].each(
-            #[inline(always)]
-            |k| {
-                let column = [0, 1, 2].each(
+        match &self.scalar.cloud.columns().factors {
+            Factors::Shared(_) => self.shared_axes.each(
+                #[inline(always)]
+                |axis| lanes(simd, axis),
+            ),
+            Factors::Each(factors) => {
+                let factor = factors.block(block);
+                [0, 3, 6].each(
                     #[inline(always)]
-                    |i| V::simd_from(simd, factor[k + i]),
-                );
-                Self::transform(simd, &self.to_camera, column)
-            },
-        )
+                    |k| {
+                        let column = lanes(simd, [factor[k], factor[k + 1], factor[k + 2]]);
+                        Self::transform(simd, &self.to_camera, column)
+                    },
+                )
+            }
+        }
     }
 
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! Colours, normals and amplitudes.
 
 use super::WideProjector;
-use super::geometry::{Footprints, Placed};
+use super::geometry::{Footprints, Placed, lanes};
 use crate::columns::{self, PackedHarmonics};
 use crate::harmonics::basis;
 use crate::scene::Blend;
@@ -29,10 +29,7 @@ impl WideProjector<'_> {
     #[inline(always)]
     fn base_colors<S: Simd>(&self, simd: S, block: usize, towards: V3<S>) -> V3<S> {
         let columns = self.scalar.cloud.columns();
-        let linear = columns.colors.block(block).each(
-            #[inline(always)]
-            |lanes| V::simd_from(simd, lanes),
-        );
+        let linear = lanes(simd, *columns.colors.block(block));
         let blend = self.scalar.view.settings.blend;
         if columns.harmonics.is_none() && blend == Blend::Linear {
             return linear;
@@ -73,10 +70,7 @@ impl WideProjector<'_> {
         let normal = match &columns.normals {
             None => splat3(simd, [0.0; 3]),
             Some(normals) => {
-                let normal = normals.block(block).each(
-                    #[inline(always)]
-                    |lanes| V::simd_from(simd, lanes),
-                );
+                let normal = lanes(simd, *normals.block(block));
                 normalize_or_zero(simd, Self::transform(simd, &self.normal_to_camera, normal))
             }
         };

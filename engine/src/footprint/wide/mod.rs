@@ -23,8 +23,8 @@ pub(super) struct WideProjector<'a> {
     /// The linear part of cloud to camera, and its cofactors with the sign of its determinant.
     to_camera: Rows,
     normal_to_camera: Rows,
-    /// The factor of all splats, where they share one.
-    shared_factor: [Lanes; 9],
+    /// The half-axes of all splats in camera space, where they share them.
+    shared_axes: Rows,
     /// −1 where the cloud is mirrored.
     handedness: f32,
     /// What strengths are multiplied by: the volume's or area's scale, the cut-off's gain, over the coverage floor.
@@ -74,9 +74,9 @@ impl<'a> WideProjector<'a> {
             principal: lens.principal.as_vec2().to_array(),
             to_camera: rows(linear),
             normal_to_camera: rows(scalar.normal_to_camera),
-            shared_factor: match scalar.cloud.columns().factors {
-                Factors::Shared(factor) => factor.to_cols_array().map(|number| [number; LANES]),
-                Factors::Each(_) => [[0.0; LANES]; 9],
+            shared_axes: match scalar.cloud.columns().factors {
+                Factors::Shared(factor) => rows((linear * factor.as_dmat3()).transpose()),
+                Factors::Each(_) => Rows::default(),
             },
             handedness: linear.determinant().signum() as f32,
             strength_scale: strength_scale as f32,

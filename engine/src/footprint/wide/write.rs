@@ -35,30 +35,45 @@ impl WideProjector<'_> {
             & (z + reach).simd_gt(splat(simd, self.near));
         // Wholly behind the camera.
         let behind = if self.perspective { (z + reach).simd_le(zero) } else { M::splat(simd, false) };
-        let mut visible = seen.to_bitmask() as u32 & valid;
-        let mut hard = !(footprints.is_simple | behind).to_bitmask() as u32 & valid;
-        let distance = if self.perspective { dot(placed.center, placed.center).sqrt() } else { z };
-        ends[0] = seen.select(distance, ends[0]).min(ends[0]);
-        ends[1] = seen.select(distance, ends[1]).max(ends[1]);
-        let edges = [left, top, right, bottom];
-        loop {
-            // Up to the next one that is left to the scalar projection: records keep the order of splats.
-            let before = hard.wrapping_sub(1) & !hard;
-            let now = visible & before;
-            if now != 0 {
-                let start = out.run.len;
-                self.write(simd, (now, exact), (placed, footprints, looks), (distance, edges), out);
-                if range.is_surface {
-                    self.write_samples(simd, (range, first, now), looks.normal, (start, out.samples));
-                }
-                out.run.len = start + now.count_ones() as usize;
+        let visible = seen.to_bitmask() as u32 & valid;
+        let hard = !(footprints.is_simple | behind).to_bitmask() as u32 & valid;
+        let start = out.run.len;
+        if visible != 0 {
+            let distance = if self.perspective { dot(placed.center, placed.center).sqrt() } else { z };
+            ends[0] = seen.select(distance, ends[0]).min(ends[0]);
+            ends[1] = seen.select(distance, ends[1]).max(ends[1]);
+            let drawn = (visible, exact, distance, [left, top, right, bottom]);
+            self.write(simd, drawn, (placed, footprints, looks), out);
+            if range.is_surface {
+                self.write_samples(simd, (range, first, visible), looks.normal, (start, out.samples));
             }
-            if hard == 0 {
-                break;
-            }
-            self.push_scalar(range, first + hard.trailing_zeros() as usize, out);
-            visible &= !before;
+            out.run.len = start + visible.count_ones() as usize;
+        }
+        if hard != 0 {
+            self.insert_scalar(range, first, (visible, hard), (start, out));
+        }
+    }
+
+    /// Projects what is left to the scalar projection; records keep the order of splats.
+    #[cold]
+    fn insert_scalar(
+        &self,
+        range: &VisibleRange,
+        first: usize,
+        (visible, mut hard): (u32, u32),
+        (start, out): (usize, &mut Places),
+    ) {
+        let mut inserted = 0;
+        while hard != 0 {
+            let lane = hard.trailing_zeros();
             hard &= hard - 1;
+            let before = out.run.len;
+            self.push_scalar(range, first + lane as usize, out);
+            if out.run.len > before {
+                let smaller = visible & ((1 << lane) - 1);
+                out.move_last_to(start + smaller.count_ones() as usize + inserted);
+                inserted += 1;
+            }
         }
     }
 
@@ -66,9 +81,8 @@ impl WideProjector<'_> {
     fn write<S: Simd>(
         &self,
         simd: S,
-        (visible, exact): (u32, M<S>),
+        (visible, exact, distance, edges): (u32, M<S>, V<S>, [V<S>; 4]),
         (placed, footprints, looks): (&Placed<S>, &Footprints<S>, &Looks<S>),
-        (distance, edges): (V<S>, [V<S>; 4]),
         out: &mut Places,
     ) {
         let mut amplitude = looks.amplitude;
