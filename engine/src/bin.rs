@@ -7,72 +7,103 @@ use crate::footprint::Rect;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 
+/// Entries whose rectangles are fetched together, from all over.
+const FETCHED: usize = 64;
+
 /// Lists of record indices, one a tile, rows of tiles from top to bottom.
 #[derive(Default)]
 pub(crate) struct TileLists {
     /// Tiles in a row, and rows.
     pub(crate) tiles: [usize; 2],
     starts: Vec<u32>,
-    /// For each share and tile: first counts, then where its next entry goes.
+    /// For each share and tile, a column and a row more than there are: first counts, then where its next entry goes.
     counts: Vec<u32>,
     entries: Vec<AtomicU32>,
 }
 
-/// The tiles, of a power of two pixels, that a rectangle touches: first and last column, first and last row, 16 bits each.
-#[inline(always)]
-fn packed(rect: &Rect, log_side: u32) -> u64 {
-    let [left, top] = rect.min.map(|x| u64::from(x >> log_side));
-    let [right, bottom] = rect.max.map(|x| u64::from((x - 1) >> log_side));
-    left | right << 16 | top << 32 | bottom << 48
+/// The tiles that a rectangle touches: first column, first row, and one past the last ones, of 16 bits each.
+#[derive(Clone, Copy)]
+struct Touched(u64);
+
+impl Touched {
+    /// Of tiles of a power of two pixels.
+    #[inline(always)]
+    fn new(rect: &Rect, log_side: u32) -> Self {
+        const ONES: u32 = 0x0001_0001;
+        let pair = |[x, y]: [u16; 2]| u32::from(x) | u32::from(y) << 16;
+        // What one half of a pair shifts into the other doesn't stay.
+        let tiles = |pixels: u32| (pixels >> log_side) & ((u32::from(u16::MAX) >> log_side) * ONES);
+        let (first, behind) = (tiles(pair(rect.min)), tiles(pair(rect.max) - ONES) + ONES);
+        Self(u64::from(first) | u64::from(behind) << 32)
+    }
+
+    #[inline(always)]
+    fn columns(self) -> std::ops::Range<usize> {
+        self.0 as usize & 0xffff..(self.0 >> 32) as usize & 0xffff
+    }
+
+    #[inline(always)]
+    fn rows(self) -> std::ops::Range<usize> {
+        (self.0 >> 16) as usize & 0xffff..(self.0 >> 48) as usize
+    }
 }
 
-/// Calls `visit` with tiles and whether they count. Most rectangles touch at most 2×2 tiles: those take one way,
-/// without branches that a processor could guess wrong.
-#[inline(always)]
-fn for_each_tile(packed: u64, columns: usize, mut visit: impl FnMut(usize, bool)) {
-    let part = |shift: u32| (packed >> shift) as usize & 0xffff;
-    let [left, right, top, bottom] = [part(0), part(16), part(32), part(48)];
-    if right - left <= 1 && bottom - top <= 1 {
-        let [first, last] = [top * columns, bottom * columns];
-        let [is_wide, is_high] = [right > left, bottom > top];
-        visit(first + left, true);
-        visit(first + right, is_wide);
-        visit(last + left, is_high);
-        visit(last + right, is_wide & is_high);
-        return;
-    }
-    for row in top..=bottom {
-        for column in left..=right {
-            visit(row * columns + column, true);
+/// How often each tile is touched, from what [`count_corners`] makes; there are `columns` in a row.
+fn sum_up(counts: &mut [u32], columns: usize) {
+    for row in counts.chunks_mut(columns) {
+        for i in 1..columns {
+            row[i] = row[i].wrapping_add(row[i - 1]);
         }
     }
+    for i in columns..counts.len() {
+        counts[i] = counts[i].wrapping_add(counts[i - columns]);
+    }
+}
+
+/// Counts a rectangle by its corners alone: the sum of the counts above and to the left of a tile, its own included, is
+/// 1 more in the tiles that are touched.
+#[inline(always)]
+fn count_corners(counts: &mut [u32], columns: usize, touched: Touched) {
+    let (across, down) = (touched.columns(), touched.rows());
+    let [top, bottom] = [down.start * columns, down.end * columns];
+    let mut add = |tile: usize, change: u32| counts[tile] = counts[tile].wrapping_add(change);
+    add(top + across.start, 1);
+    add(top + across.end, u32::MAX);
+    add(bottom + across.start, u32::MAX);
+    add(bottom + across.end, 1);
 }
 
 impl TileLists {
-    /// Lists the records whose indices are the low halves of `order`; rectangles are not empty. `scratch` is as
-    /// long as `order`.
+    /// Lists the records with the indices in `order`; rectangles are not empty. `scratch` is at least as long as
+    /// `order`.
     pub(crate) fn fill(
         &mut self,
         (size, side): ([u32; 2], usize),
-        order: &[AtomicU64],
+        order: &[AtomicU32],
         rects: &[Rect],
         scratch: &[AtomicU64],
     ) {
         let log_side = side.trailing_zeros();
         let tiles = size.map(|length| (length as usize).div_ceil(side));
-        let (columns, count) = (tiles[0], tiles[0] * tiles[1]);
+        // Corners of rectangles may be one column and one row behind the last tiles.
+        let (columns, count) = (tiles[0] + 1, (tiles[0] + 1) * (tiles[1] + 1));
         let shares = rayon::current_num_threads().max(1);
         let share_of = |share: usize| share * order.len() / shares..(share + 1) * order.len() / shares;
         self.tiles = tiles;
         self.counts.clear();
         self.counts.resize(shares * count, 0);
-        self.counts.par_chunks_mut(count).enumerate().for_each(|(share, counts)| {
-            for (entry, kept) in order[share_of(share)].iter().zip(&scratch[share_of(share)]) {
-                // Rectangles are read once, from all over; the second time they are in order.
-                let touched = packed(&rects[entry.load(Relaxed) as u32 as usize], log_side);
-                kept.store(touched, Relaxed);
-                for_each_tile(touched, columns, |tile, counts_in| counts[tile] += u32::from(counts_in));
+        self.counts.par_chunks_mut(count).enumerate().for_each(move |(share, counts)| {
+            let (order, kept) = (&order[share_of(share)], &scratch[share_of(share)]);
+            for (order, kept) in order.chunks(FETCHED).zip(kept.chunks(FETCHED)) {
+                for (entry, kept) in order.iter().zip(kept) {
+                    let rect = &rects[entry.load(Relaxed) as usize];
+                    kept.store(Touched::new(rect, log_side).0, Relaxed);
+                }
+                for kept in kept {
+                    count_corners(counts, columns, Touched(kept.load(Relaxed)));
+                }
             }
+            sum_up(counts, columns);
         });
         self.starts.clear();
         let mut next = 0;
@@ -84,25 +115,29 @@ impl TileLists {
             }
         }
         self.starts.push(next);
-        // What doesn't count is written behind all lists.
-        let nowhere = next;
-        let room = self.entries.len().max(nowhere as usize + 1);
-        self.entries.resize_with(room, AtomicU32::default);
-        let entries = &self.entries;
-        self.counts.par_chunks_mut(count).enumerate().for_each(|(share, next)| {
-            for (entry, kept) in order[share_of(share)].iter().zip(&scratch[share_of(share)]) {
-                let index = entry.load(Relaxed) as u32;
-                for_each_tile(kept.load(Relaxed), columns, |tile, counts_in| {
-                    let place = if counts_in { next[tile] } else { nowhere };
-                    entries[place as usize].store(index, Relaxed);
-                    next[tile] += u32::from(counts_in);
-                });
+        self.entries.resize_with(self.entries.len().max(next as usize), AtomicU32::default);
+        let entries = self.entries.as_slice();
+        self.counts.par_chunks_mut(count).enumerate().for_each(move |(share, next)| {
+            let (order, kept) = (&order[share_of(share)], &scratch[share_of(share)]);
+            for (entry, kept) in order.iter().zip(kept) {
+                let (index, touched) = (entry.load(Relaxed), Touched(kept.load(Relaxed)));
+                let (across, down) = (touched.columns(), touched.rows());
+                let (mut row, end) = (down.start * columns, down.end * columns);
+                while row < end {
+                    for next in &mut next[row + across.start..row + across.end] {
+                        entries[*next as usize].store(index, Relaxed);
+                        *next += 1;
+                    }
+                    row += columns;
+                }
             }
         });
     }
 
     /// The records of a tile.
     pub(crate) fn tile(&self, tile: usize) -> &[AtomicU32] {
+        // Rows have a column more than tiles.
+        let tile = tile + tile / self.tiles[0];
         &self.entries[self.starts[tile] as usize..self.starts[tile + 1] as usize]
     }
 }
@@ -126,7 +161,7 @@ mod tests {
                 .into_iter()
                 .map(|(x, y, w, h)| Rect { min: [x, y], max: [(x + w).min(100), (y + h).min(70)] })
                 .collect();
-            let order: Vec<AtomicU64> = (0..rects.len() as u64).rev().map(AtomicU64::new).collect();
+            let order: Vec<AtomicU32> = (0..rects.len() as u32).rev().map(AtomicU32::new).collect();
             let scratch: Vec<AtomicU64> = order.iter().map(|_| AtomicU64::new(0)).collect();
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let mut lists = TileLists::default();

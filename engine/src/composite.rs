@@ -24,11 +24,7 @@ pub(crate) struct Seen {
 
 impl Seen {
     /// Nothing there.
-    pub(crate) const CLEAR: Self = Self {
-        color: [Plane::ZERO; 3],
-        opacity: Plane::ZERO,
-        depth: Plane::ZERO,
-    };
+    pub(crate) const CLEAR: Self = Self { color: [Plane::ZERO; 3], opacity: Plane::ZERO, depth: Plane::ZERO };
 }
 
 /// The runs of a tile: for each segment between cuts, near to far, its blocks.

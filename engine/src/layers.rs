@@ -51,7 +51,12 @@ impl<S: Simd> Sums<S> {
     #[inline(always)]
     fn zero(simd: S) -> Self {
         let zero = W::simd_from(simd, 0.0);
-        Self { sides: [Side { weight: zero, normal: [zero; 3] }; 2], color: [zero; 3], depth: zero, clear: zero }
+        Self {
+            sides: [Side { weight: zero, normal: [zero; 3] }; 2],
+            color: [zero; 3],
+            depth: zero,
+            clear: zero,
+        }
     }
 }
 
@@ -340,8 +345,7 @@ impl LayerBuilder<'_> {
             }
             let index = surfels.index[number] as usize;
             let SurfaceSample { normal, opacity, .. } = self.samples[index];
-            let weight =
-                sample.inside.select(surfels.weight(simd, (number, &sample), here.pixels), zero);
+            let weight = sample.inside.select(surfels.weight(simd, (number, &sample), here.pixels), zero);
             // Where no sample was found the difference is infinite.
             let behind = sample.inside.select(sample.depth - peel.depth, zero);
             sums.depth = behind.mul_add(weight, sums.depth);

@@ -1,71 +1,76 @@
 //! Stage `order`: records from near to far, equal distances by their place.
 
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 
-/// Bits of a digit.
+/// Bits of a digit; a key has two of them.
 const DIGIT: u32 = 11;
 const BUCKETS: usize = 1 << DIGIT;
 
-/// Bits of a distance that don't count: distances that agree to 2⁻²⁰ of themselves are equal.
+/// Bits of a distance that don't count, at least: distances that agree to 2⁻²⁰ of themselves are equal.
 const DROPPED: u32 = 3;
 
-/// A distance from the eye (or z where rays are parallel) with the index that goes with it, which is the low half.
-/// The high half sorts as distances do.
-#[inline(always)]
-pub(crate) fn keyed(distance: f32, index: u32) -> u64 {
-    u64::from(sortable(distance)) << 32 | u64::from(index)
-}
-
-/// Bits that sort as the number does.
-#[inline(always)]
-pub(crate) fn sortable(x: f32) -> u32 {
-    let bits = x.to_bits();
-    if x.is_sign_negative() { !bits } else { bits | 1 << 31 }
-}
-
-/// Entries that stand together.
-#[derive(Clone, Copy, Debug, Default)]
+/// Places taken from `start` on.
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Run {
     pub(crate) start: usize,
     pub(crate) len: usize,
-    /// The least and the greatest [`sortable`] distance, of no meaning in an empty run.
-    pub(crate) keys: [u32; 2],
+    /// The least and the greatest distance from the eye, or z where rays are parallel.
+    distances: [f32; 2],
 }
 
-/// The range of the keys.
+impl Run {
+    pub(crate) fn new(start: usize) -> Self {
+        Self { start, len: 0, distances: [f32::INFINITY, f32::NEG_INFINITY] }
+    }
+
+    /// Lets the range of the distances, but not the run, grow.
+    pub(crate) fn include(&mut self, distances: [f32; 2]) {
+        let [nearest, farthest] = self.distances;
+        self.distances = [nearest.min(distances[0]), farthest.max(distances[1])];
+    }
+
+    fn places(&self) -> std::ops::Range<usize> {
+        self.start..self.start + self.len
+    }
+}
+
+/// Numbers of 22 bits that sort as distances do.
+///
+/// Bits of a positive number sort as it does, and tell it to a share of itself; distances of any sign are moved to where
+/// that is the same share of all.
 #[derive(Clone, Copy)]
-struct Keys {
-    nearest: u32,
-    digits: u32,
+pub(crate) struct Keys {
+    offset: f32,
+    least: u32,
+    dropped: u32,
 }
 
 impl Keys {
-    fn of(runs: &[Run]) -> Self {
-        let runs = || runs.iter().filter(|run| run.len > 0);
-        let nearest = runs().map(|run| run.keys[0]).min().unwrap_or(0);
-        let farthest = runs().map(|run| run.keys[1]).max().unwrap_or(0);
-        let bits = u32::BITS - ((farthest - nearest) >> DROPPED).leading_zeros();
-        Self { nearest, digits: bits.div_ceil(DIGIT).max(1) }
+    pub(crate) fn of(runs: &[Run]) -> Self {
+        let ends = |i: usize| runs.iter().map(move |run| run.distances[i]);
+        let (nearest, farthest) =
+            (ends(0).fold(f32::INFINITY, f32::min), ends(1).fold(f32::NEG_INFINITY, f32::max));
+        let offset = if nearest > 0.0 { 0.0 } else { farthest - 2.0 * nearest };
+        // What is so near that it would cost the rest precision is equally near.
+        const NEAR: f32 = 1.0 / (1_u64 << 32) as f32;
+        let [nearest, farthest] = [nearest, farthest].map(|distance| distance + offset);
+        let (least, most) = (nearest.max(farthest * NEAR).to_bits(), farthest.to_bits());
+        let bits = u32::BITS - most.saturating_sub(least).leading_zeros();
+        Self { offset, least, dropped: bits.saturating_sub(2 * DIGIT).max(DROPPED) }
     }
 
     #[inline(always)]
-    fn bucket(self, entry: u64, digit: u32) -> usize {
-        let key = ((entry >> 32) as u32 - self.nearest) >> DROPPED;
-        (key >> (digit * DIGIT)) as usize % BUCKETS
+    pub(crate) fn key(self, distance: f32) -> u32 {
+        (distance + self.offset).to_bits().saturating_sub(self.least) >> self.dropped
     }
 }
 
-/// Copies the entries of runs behind each other, and says how many they are.
-pub(crate) fn gather(runs: &[Run], from: &[AtomicU64], to: &[AtomicU64]) -> usize {
-    let mut next = 0;
-    for run in runs {
-        for (entry, place) in from[run.start..run.start + run.len].iter().zip(&to[next..]) {
-            place.store(entry.load(Relaxed), Relaxed);
-        }
-        next += run.len;
-    }
-    next
+/// Writes the places of runs behind each other, and gives them.
+pub(crate) fn gather<'a>(runs: &[Run], order: &'a [AtomicU32]) -> &'a [AtomicU32] {
+    let places = runs.iter().flat_map(Run::places);
+    let count = order.iter().zip(places).map(|(slot, place)| slot.store(place as u32, Relaxed)).count();
+    &order[..count]
 }
 
 /// A stable radix sort on all threads.
@@ -74,60 +79,65 @@ pub(crate) fn gather(runs: &[Run], from: &[AtomicU64], to: &[AtomicU64]) -> usiz
 /// result does not depend on the number of threads.
 #[derive(Default)]
 pub(crate) struct Sorter {
-    counts: Vec<u32>,
+    counts: Vec<[u32; BUCKETS]>,
 }
 
 impl Sorter {
-    /// Sorts the entries of `runs`, which lie in `first`, and gives the array with the result and the other one.
-    /// Runs are about as long as each other; `second` has room for all.
+    /// Sorts the places of `runs` by the bits of distances there, and gives them in the array of the distances.
+    /// Runs are about as long as each other; `scratch` has room for all.
     pub(crate) fn sort<'a>(
         &mut self,
         runs: &[Run],
-        [first, second]: [&'a [AtomicU64]; 2],
-    ) -> [&'a [AtomicU64]; 2] {
+        distances: &'a [AtomicU32],
+        scratch: &[AtomicU64],
+    ) -> &'a [AtomicU32] {
         let count: usize = runs.iter().map(|run| run.len).sum();
         let keys = Keys::of(runs);
         let shares = rayon::current_num_threads().max(1);
         let share_of = |share: usize, whole: usize| share * whole / shares..(share + 1) * whole / shares;
-        self.pass((keys, 0), second, |share| {
+        // An entry is a key and, as its low half, a place.
+        let low = |entry: u64| (entry >> 32) as usize % BUCKETS;
+        let high = |entry: u64| (entry >> (32 + DIGIT)) as usize % BUCKETS;
+        let unsorted = |share| {
             let runs = &runs[share_of(share, runs.len())];
-            runs.iter().flat_map(|run| &first[run.start..run.start + run.len])
-        });
-        let [mut from, mut to] = [second, first];
-        for digit in 1..keys.digits {
-            self.pass((keys, digit), to, |share| from[share_of(share, count)].iter());
-            (from, to) = (to, from);
-        }
-        [&from[..count], to]
+            runs.iter().flat_map(move |run| {
+                distances[run.places()].iter().zip(run.start as u64..).map(move |(distance, place)| {
+                    u64::from(keys.key(f32::from_bits(distance.load(Relaxed)))) << 32 | place
+                })
+            })
+        };
+        self.pass(shares, unsorted, low, move |to, entry| scratch[to].store(entry, Relaxed));
+        let half_sorted = |share| scratch[share_of(share, count)].iter().map(|entry| entry.load(Relaxed));
+        self.pass(shares, half_sorted, high, move |to, entry| distances[to].store(entry as u32, Relaxed));
+        &distances[..count]
     }
 
-    /// Moves all entries to their places by one digit.
-    fn pass<'a, I: Iterator<Item = &'a AtomicU64>>(
+    /// Stores all entries at their places by one digit.
+    fn pass<I: Iterator<Item = u64>>(
         &mut self,
-        (keys, digit): (Keys, u32),
-        to: &[AtomicU64],
+        shares: usize,
         entries: impl Fn(usize) -> I + Sync,
+        digit: impl Fn(u64) -> usize + Sync,
+        store: impl Fn(usize, u64) + Sync + Copy,
     ) {
-        let shares = rayon::current_num_threads().max(1);
-        let bucket = |entry: u64| keys.bucket(entry, digit);
         self.counts.clear();
-        self.counts.resize(shares * BUCKETS, 0);
-        self.counts.par_chunks_mut(BUCKETS).enumerate().for_each(|(share, counts)| {
-            entries(share).for_each(|entry| counts[bucket(entry.load(Relaxed))] += 1);
+        self.counts.resize(shares, [0; BUCKETS]);
+        self.counts.par_iter_mut().enumerate().for_each(|(share, counts)| {
+            entries(share).for_each(|entry| counts[digit(entry)] += 1);
         });
         // Where each share puts its first entry of each bucket.
         let mut next = 0;
         for bucket in 0..BUCKETS {
-            for share in 0..shares {
-                let count = &mut self.counts[share * BUCKETS + bucket];
-                (*count, next) = (next, next + *count);
+            for counts in &mut self.counts {
+                (counts[bucket], next) = (next, next + counts[bucket]);
             }
         }
-        self.counts.par_chunks_mut(BUCKETS).enumerate().for_each(|(share, next)| {
-            entries(share).for_each(|entry| {
-                let entry = entry.load(Relaxed);
-                let place = &mut next[bucket(entry)];
-                to[*place as usize].store(entry, Relaxed);
+        let (entries, digit) = (&entries, &digit);
+        self.counts.par_iter_mut().enumerate().for_each(|(share, next)| {
+            // It has a copy of `store`, so that no store seems to change where it goes.
+            entries(share).for_each(move |entry| {
+                let place = &mut next[digit(entry)];
+                store(*place as usize, entry);
                 *place += 1;
             });
         });
@@ -148,30 +158,45 @@ mod tests {
             threads in 1..5_usize,
         ) {
             // Runs of a hundred with gaps between them.
-            let slots = |entries: usize| entries.div_ceil(100) * 150 + 150;
-            let first: Vec<AtomicU64> = (0..slots(distances.len())).map(|_| AtomicU64::new(u64::MAX)).collect();
-            let second: Vec<AtomicU64> = (0..first.len()).map(|_| AtomicU64::new(u64::MAX)).collect();
+            let places: Vec<AtomicU32> =
+                (0..distances.len().div_ceil(100) * 150 + 150).map(|_| AtomicU32::new(u32::MAX)).collect();
+            let scratch: Vec<AtomicU64> = distances.iter().map(|_| AtomicU64::new(u64::MAX)).collect();
             let mut runs = Vec::new();
             for (number, chunk) in distances.chunks(100).enumerate() {
-                let keys = chunk.iter().map(|distance| sortable(*distance));
-                let keys = [keys.clone().min().unwrap(), keys.max().unwrap()];
-                runs.push(Run { start: number * 150, len: chunk.len(), keys });
-                for (i, distance) in chunk.iter().enumerate() {
-                    first[number * 150 + i].store(keyed(*distance, (number * 100 + i) as u32), Relaxed);
+                let mut run = Run::new(number * 150);
+                for (place, distance) in places[run.start..].iter().zip(chunk) {
+                    place.store(distance.to_bits(), Relaxed);
+                    run.include([*distance; 2]);
+                    run.len += 1;
                 }
+                runs.push(run);
             }
+            let keys = Keys::of(&runs);
+            let mut expected: Vec<usize> = (0..distances.len()).collect();
+            expected.sort_by_key(|i| keys.key(distances[*i]));
+            let expected: Vec<usize> = expected.into_iter().map(|i| i / 100 * 150 + i % 100).collect();
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let [sorted, _] = pool.install(|| Sorter::default().sort(&runs, [&first, &second]));
-            let nearest = distances.iter().map(|d| sortable(*d)).min().unwrap_or(0);
-            let mut expected: Vec<u32> = (0..distances.len() as u32).collect();
-            expected.sort_by_key(|i| (sortable(distances[*i as usize]) - nearest) >> DROPPED);
-            let found: Vec<u32> = sorted.iter().map(|entry| entry.load(Relaxed) as u32).collect();
+            let sorted = pool.install(|| Sorter::default().sort(&runs, &places, &scratch));
+            let found: Vec<usize> = sorted.iter().map(|entry| entry.load(Relaxed) as usize).collect();
             prop_assert_eq!(found, expected);
         }
 
         #[test]
-        fn keys_sort_as_distances_do(a in -1e3..1e6f32, b in -1e3..1e6f32) {
-            prop_assert_eq!(a.total_cmp(&b), sortable(a).cmp(&sortable(b)));
+        fn keys_sort_as_distances_do(
+            ends in prop_oneof![[-1e3..1e6f32, -1e3..1e6f32], [0.0..1e6f32, 1e-12..1e6f32]],
+            shares in prop::array::uniform2(0.0..=1.0f32),
+        ) {
+            let mut run = Run::new(0);
+            ends.into_iter().for_each(|end| run.include([end; 2]));
+            let keys = Keys::of(&[run]);
+            let [a, b] = shares.map(|share| (ends[0] + share * (ends[1] - ends[0])).clamp(run.distances[0], run.distances[1]));
+            let [near, far] = [a.min(b), a.max(b)];
+            prop_assert!(keys.key(near) <= keys.key(far));
+            prop_assert!(keys.key(far) >> (2 * DIGIT) == 0, "{:b} has too many bits", keys.key(far));
+            // Of itself, or of all where distances have any sign.
+            let size = if run.distances[0] > 0.0 { far } else { run.distances[1] - run.distances[0] };
+            let is_far_apart = far - near > size * 2f32.powi(-16) && far > run.distances[1] * 2f32.powi(-31);
+            prop_assert!(!is_far_apart || keys.key(near) < keys.key(far));
         }
     }
 }

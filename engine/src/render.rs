@@ -222,12 +222,9 @@ impl Drawn {
         size: ([u32; 2], usize),
         scratch: &mut Vec<AtomicU64>,
     ) {
-        let Records { keys, runs, rects, .. } = &self.records;
+        let Records { distances, runs, rects, .. } = &self.records;
         scratch.resize_with(self.records.len().max(scratch.len()), AtomicU64::default);
-        watched(observer, Stage::Bin, || {
-            let count = gather(runs, keys, scratch);
-            self.lists.fill(size, &scratch[..count], rects, keys);
-        });
+        watched(observer, Stage::Bin, || self.lists.fill(size, gather(runs, distances), rects, scratch));
     }
 
     /// Lists records by their distance.
@@ -237,10 +234,10 @@ impl Drawn {
         size: ([u32; 2], usize),
         (sorter, scratch): (&mut Sorter, &mut Vec<AtomicU64>),
     ) {
-        let Records { keys, runs, rects, .. } = &self.records;
+        let Records { distances, runs, rects, .. } = &self.records;
         scratch.resize_with(self.records.len().max(scratch.len()), AtomicU64::default);
-        let [sorted, free] = watched(observer, Stage::Order, || sorter.sort(runs, [keys, scratch]));
-        watched(observer, Stage::Bin, || self.lists.fill(size, sorted, rects, free));
+        let order = watched(observer, Stage::Order, || sorter.sort(runs, distances, scratch));
+        watched(observer, Stage::Bin, || self.lists.fill(size, order, rects, scratch));
     }
 }
 

@@ -133,13 +133,7 @@ impl Resolver<'_> {
 
     /// Light on a layer, by the materials of its clouds.
     #[inline(always)]
-    fn shade<S: Simd>(
-        &self,
-        simd: S,
-        (tile, block): (Tile, usize),
-        cut: &Cut,
-        depth: W<S>,
-    ) -> [W<S>; 3] {
+    fn shade<S: Simd>(&self, simd: S, (tile, block): (Tile, usize), cut: &Cut, depth: W<S>) -> [W<S>; 3] {
         let [base, normal] = [&cut.color, &cut.normal].each(
             #[inline(always)]
             |planes| {
@@ -166,8 +160,7 @@ impl Resolver<'_> {
             if clouds[..pixel].contains(&Some(cloud)) {
                 continue;
             }
-            let own: u64 =
-                (0..PIXELS).map(|pixel| u64::from(clouds[pixel] == Some(cloud)) << pixel).sum();
+            let own: u64 = (0..PIXELS).map(|pixel| u64::from(clouds[pixel] == Some(cloud)) << pixel).sum();
             let own = mask32x16::from_bitmask(simd, own);
             let shaded = self.shaders[cloud as usize].shade_wide(simd, base, normal, position);
             color = [0, 1, 2].each(

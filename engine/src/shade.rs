@@ -91,6 +91,13 @@ impl Shader {
         normal: V3<S>,
         position: V3<S>,
     ) -> V3<S> {
+        if !self.is_lit() {
+            let light = self.ambient * self.material.ambient;
+            return [0, 1, 2].each(
+                #[inline(always)]
+                |i| base[i] * light[i],
+            );
+        }
         let cosine = dot(normal, self.to_eye_wide(simd, position));
         let turned = cosine.simd_lt(splat(simd, 0.0));
         self.shade_wide(
@@ -104,8 +111,14 @@ impl Shader {
         )
     }
 
+    /// Whether lights that come from somewhere matter.
     #[inline(always)]
-    fn to_eye_wide<S: Simd>(&self, simd: S, position: V3<S>) -> V3<S> {
+    fn is_lit(&self) -> bool {
+        self.material.diffuse > 0.0 || self.material.specular > 0.0
+    }
+
+    #[inline(always)]
+    fn to_eye_wide<S: Simd, F: Floats<S>>(&self, simd: S, position: [F; 3]) -> [F; 3] {
         if self.parallel_rays {
             splat3(simd, [0.0, 0.0, -1.0])
         } else {
@@ -119,19 +132,25 @@ impl Shader {
         }
     }
 
-    /// As [`Self::shade`], for eight points.
+    /// As [`Self::shade`], for many points.
     #[inline(always)]
-    pub(crate) fn shade_wide<S: Simd>(&self, simd: S, base: V3<S>, normal: V3<S>, position: V3<S>) -> V3<S> {
+    pub(crate) fn shade_wide<S: Simd, F: Floats<S>>(
+        &self,
+        simd: S,
+        base: [F; 3],
+        normal: [F; 3],
+        position: [F; 3],
+    ) -> [F; 3] {
         let Material { ambient, diffuse, specular, exponent } = self.material;
         let mut light = splat3(simd, (self.ambient * ambient).to_array());
         let mut highlight = splat3(simd, [0.0; 3]);
-        if diffuse > 0.0 || specular > 0.0 {
+        if self.is_lit() {
             let to_eye = self.to_eye_wide(simd, position);
             for source in &self.sources {
                 let (towards, color) = match *source {
                     Source::Towards(direction, color) => (splat3(simd, direction.to_array()), color),
                     Source::At(place, color) => {
-                        let place = splat3(simd, place.to_array());
+                        let place: [F; 3] = splat3(simd, place.to_array());
                         let towards = [0, 1, 2].each(
                             #[inline(always)]
                             |i| place[i] - position[i],
@@ -139,7 +158,7 @@ impl Shader {
                         (normalize_or_zero(simd, towards), color)
                     }
                 };
-                let zero = splat(simd, 0.0);
+                let zero = F::simd_from(simd, 0.0);
                 let cosine = dot(normal, towards).max(zero);
                 let half = normalize_or_zero(
                     simd,
@@ -149,10 +168,10 @@ impl Shader {
                     ),
                 );
                 let mirrored = pow(simd, dot(normal, half).max(zero), exponent);
-                let mirrored = keep(simd, cosine.simd_gt(zero), mirrored * specular);
+                let mirrored = cosine.simd_gt(zero).select(mirrored * specular, zero);
                 for (channel, color) in color.to_array().into_iter().enumerate() {
-                    light[channel] = cosine.mul_add(splat(simd, color * diffuse), light[channel]);
-                    highlight[channel] = mirrored.mul_add(splat(simd, color), highlight[channel]);
+                    light[channel] = cosine.mul_add(F::simd_from(simd, color * diffuse), light[channel]);
+                    highlight[channel] = mirrored.mul_add(F::simd_from(simd, color), highlight[channel]);
                 }
             }
         }

@@ -4,7 +4,7 @@
 //! a·b + c is rounded once or twice.
 
 pub(crate) use fearless_simd::prelude::*;
-pub(crate) use fearless_simd::{Simd, f32x4, f32x8, f32x16, i32x8, mask32x8, mask32x16, u32x8, u32x16};
+pub(crate) use fearless_simd::{Simd, f32x8, f32x16, i32x8, mask32x8, mask32x16, u32x8, u32x16};
 
 /// Sets of instructions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -252,13 +252,14 @@ pub(crate) fn log2<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
 
 /// x^e for x ≥ 0 and a finite e ≥ 0, within (4 + 4 e (1 + |log x|)) 1e-7 of itself; 0 for x < 1e-37 unless e is 0.
 #[inline(always)]
-pub(crate) fn pow<S: Simd>(simd: S, x: V<S>, e: f32) -> V<S> {
+pub(crate) fn pow<S: Simd, F: Floats<S>>(simd: S, x: F, e: f32) -> F {
+    let constant = |x: f32| F::simd_from(simd, x);
     if e == 0.0 {
-        return splat(simd, 1.0);
+        return constant(1.0);
     }
-    let t = log2(simd, x.max(splat(simd, 1e-37))) * e;
-    let inside = t.simd_gt(splat(simd, -126.0)) & x.simd_ge(splat(simd, 1e-37));
-    keep(simd, inside, exp2_within(simd, t.max(splat(simd, -126.0)).min(splat(simd, 127.0))))
+    let t = log2(simd, x.max(constant(1e-37))) * e;
+    let inside = t.simd_gt(constant(-126.0)) & x.simd_ge(constant(1e-37));
+    inside.select(exp2_within(simd, t.max(constant(-126.0)).min(constant(127.0))), constant(0.0))
 }
 
 /// The opacity 1 − e^{−τ} of an optical depth τ ≥ 0, within 1e-6 of itself however small τ is.
@@ -301,13 +302,46 @@ pub(crate) fn linear_to_srgb<S: Simd>(simd: S, linear: V<S>) -> V<S> {
     encoded.copysign(linear)
 }
 
+/// As [`linear_to_srgb`] for the channels of colours, most of which are not above 1; within 2e-6.
+#[inline(always)]
+pub(crate) fn colors_to_srgb<S: Simd>(simd: S, linear: V3<S>) -> V3<S> {
+    let [red, green, blue] = linear;
+    let largest = red.abs().max(green.abs()).max(blue.abs());
+    if largest.simd_gt(splat(simd, 1.0)).any_true() {
+        return linear.each(
+            #[inline(always)]
+            |c| linear_to_srgb(simd, c),
+        );
+    }
+    linear.each(
+        #[inline(always)]
+        |c| {
+            // The curve over the fourth root, interpolated at the zeros of Chebyshev's polynomial.
+            const CURVE: [f32; 8] = [
+                -0.058_581_68,
+                0.125_506_09,
+                1.450_242,
+                -1.120_849_3,
+                1.146_515,
+                -0.833_786_55,
+                0.358_946_38,
+                -0.067_992_26,
+            ];
+            let magnitude = c.abs();
+            let curved = polynomial(simd, magnitude.sqrt().sqrt(), CURVE);
+            let encoded = magnitude.simd_le(splat(simd, 0.003_130_8)).select(magnitude * 12.92, curved);
+            encoded.copysign(c)
+        },
+    )
+}
+
 /// As [`crate::color::srgb_to_linear`], within 2e-6 of itself.
 #[inline(always)]
-pub(crate) fn srgb_to_linear<S: Simd>(simd: S, encoded: V<S>) -> V<S> {
+pub(crate) fn srgb_to_linear<S: Simd, F: Floats<S>>(simd: S, encoded: F) -> F {
     let magnitude = encoded.abs();
     let curved = pow(simd, (magnitude + 0.055) * (1.0 / 1.055), 2.4);
-    let linear = magnitude.simd_le(splat(simd, 0.040_45)).select(magnitude * (1.0 / 12.92), curved);
-    linear.copysign(encoded)
+    let is_low = magnitude.simd_le(F::simd_from(simd, 0.040_45));
+    is_low.select(magnitude * (1.0 / 12.92), curved).copysign(encoded)
 }
 
 /// Three numbers of each of eight.
@@ -324,10 +358,10 @@ pub(crate) fn cross<S: Simd>(a: V3<S>, b: V3<S>) -> V3<S> {
 }
 
 #[inline(always)]
-pub(crate) fn splat3<S: Simd>(simd: S, v: [f32; 3]) -> V3<S> {
+pub(crate) fn splat3<S: Simd, F: Floats<S>>(simd: S, v: [f32; 3]) -> [F; 3] {
     v.each(
         #[inline(always)]
-        |x| splat(simd, x),
+        |x| F::simd_from(simd, x),
     )
 }
 
@@ -409,6 +443,13 @@ mod tests {
         }
         let srgb = |x: f64| f64::from(crate::color::linear_to_srgb(x as f32));
         check!("linear_to_srgb", |simd, v| linear_to_srgb(simd, v), srgb, steps(-1.0, 3.0), |_, _| 2e-6);
+        check!(
+            "colors_to_srgb",
+            |simd, v| colors_to_srgb(simd, [v; 3])[1],
+            srgb,
+            steps(-1.0, 3.0),
+            |_, _| 2e-6
+        );
         let linear = |x: f64| f64::from(crate::color::srgb_to_linear(x as f32));
         check!(
             "srgb_to_linear",

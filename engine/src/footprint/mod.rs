@@ -11,13 +11,13 @@ pub use record::{Form, Kind, Record, RecordHit, Rect, Tag};
 
 use crate::camera::Camera;
 use crate::cull::{CLUSTER_SIZE, Frustum, VisibleRange};
-use crate::order::{Run, keyed, sortable};
+use crate::order::Run;
 use crate::scene::{RenderSettings, Scene};
 use crate::shade::Shader;
 use crate::simd::Level;
 use rayon::prelude::*;
 use scalar::{Projector, View};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::AtomicU32;
 use wide::WideProjector;
 
 /// Mass outside r ≤ ρ is e^{−ρ/2} of the whole; what is kept is raised to carry it.
@@ -53,8 +53,8 @@ struct Projected {
 pub(crate) struct Records {
     pub(crate) records: Vec<Record>,
     pub(crate) rects: Vec<Rect>,
-    /// Keys of the distance with the record's place.
-    pub(crate) keys: Vec<AtomicU64>,
+    /// Bits of the distances; sorting takes these places for the order.
+    pub(crate) distances: Vec<AtomicU32>,
     /// Of surfaces; empty for volumes.
     pub(crate) samples: Vec<SurfaceSample>,
     /// The places taken.
@@ -63,28 +63,37 @@ pub(crate) struct Records {
 
 /// Where the records of one range go.
 struct Places<'a> {
-    records: &'a mut [Record],
-    rects: &'a mut [Rect],
-    keys: &'a [AtomicU64],
+    records: &'a mut [Record; CLUSTER_SIZE],
+    rects: &'a mut [Rect; CLUSTER_SIZE],
+    distances: &'a mut [AtomicU32; CLUSTER_SIZE],
+    /// As many, or none.
     samples: &'a mut [SurfaceSample],
-    run: Run,
+    run: &'a mut Run,
 }
 
 impl Places<'_> {
-    #[inline(always)]
     fn push(&mut self, splat: Projected) {
         let Projected { record, rect, distance, sample } = splat;
         let place = self.run.len;
         self.records[place] = record;
         self.rects[place] = rect;
-        let key = keyed(distance, (self.run.start + place) as u32);
-        self.keys[place].store(key, Ordering::Relaxed);
-        let [nearest, farthest] = self.run.keys;
-        self.run.keys = [nearest.min(sortable(distance)), farthest.max(sortable(distance))];
+        *self.distances[place].get_mut() = distance.to_bits();
         if let Some(slot) = self.samples.get_mut(place) {
             *slot = sample;
         }
+        self.run.include([distance; 2]);
         self.run.len = place + 1;
+    }
+
+    /// Puts the last splat before the one at `place`.
+    fn move_last_to(&mut self, place: usize) {
+        let moved = place..self.run.len;
+        self.records[moved.clone()].rotate_right(1);
+        self.rects[moved.clone()].rotate_right(1);
+        self.distances[moved.clone()].rotate_right(1);
+        if let Some(samples) = self.samples.get_mut(moved) {
+            samples.rotate_right(1);
+        }
     }
 }
 
@@ -102,23 +111,20 @@ impl Records {
         let samples = ranges.len() * samples_a_range;
         self.records.resize(places.max(self.records.len()), Record::BLANK);
         self.rects.resize(places.max(self.rects.len()), Rect::default());
-        self.keys.resize_with(places.max(self.keys.len()), AtomicU64::default);
+        self.distances.resize_with(places.max(self.distances.len()), AtomicU32::default);
         self.samples.resize(samples.max(self.samples.len()), SurfaceSample::default());
         self.runs.clear();
-        self.runs.resize(ranges.len(), Run::default());
-        let records = self.records.par_chunks_mut(CLUSTER_SIZE);
-        let rects = self.rects.par_chunks_mut(CLUSTER_SIZE);
-        let keys = self.keys.par_chunks(CLUSTER_SIZE);
+        self.runs.extend((0..ranges.len()).map(|number| Run::new(number * CLUSTER_SIZE)));
+        let records = self.records.as_chunks_mut().0.par_iter_mut();
+        let rects = self.rects.as_chunks_mut().0.par_iter_mut();
+        let distances = self.distances.as_chunks_mut().0.par_iter_mut();
         let samples = self.samples.par_chunks_mut(samples_a_range);
-        let places = records.zip(rects).zip(keys).zip(samples);
-        ranges.par_iter().zip(&mut self.runs).zip(places).enumerate().for_each(
-            |(number, ((range, run), (((records, rects), keys), samples)))| {
-                let empty = Run { start: number * CLUSTER_SIZE, len: 0, keys: [u32::MAX, 0] };
-                let mut places = Places { records, rects, keys, samples, run: empty };
+        let places = records.zip(rects).zip(distances).zip(samples);
+        ranges.par_iter().zip(&mut self.runs).zip(places).for_each(
+            |((range, run), (((records, rects), distances), samples))| {
+                let mut places = Places { records, rects, distances, samples, run };
                 let projector = view.projector(range.cloud);
-                let wide = WideProjector::new(&projector);
-                wide.project(view.level, range, &mut places);
-                *run = places.run;
+                WideProjector::new(&projector).project(view.level, range, &mut places);
             },
         );
     }

@@ -48,11 +48,7 @@ pub(crate) struct Exact<S: Simd> {
 impl<S: Simd> Exact<S> {
     /// From where pixels are, and a record's depth, its slope and σ₀.
     #[inline(always)]
-    pub(crate) fn new(
-        simd: S,
-        offsets: &Offsets<S>,
-        (depth, slope, sigma_z): (f32, [f32; 2], f32),
-    ) -> Self {
+    pub(crate) fn new(simd: S, offsets: &Offsets<S>, (depth, slope, sigma_z): (f32, [f32; 2], f32)) -> Self {
         let inverse_depth = 1.0 / depth;
         let spread = (inverse_depth * sigma_z).powi(2) / HALF_LOG2_E;
         let rise = offsets.linear(simd, 0.0, slope);

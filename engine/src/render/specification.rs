@@ -6,6 +6,7 @@ use super::*;
 use crate::camera::{Pose, Projection};
 use crate::cloud::{Cloud, Material, Shapes, Splats, Strength, Surface, oblate_factor};
 use crate::footprint::{Form, Kind, Record, Rect};
+use crate::order::Keys;
 use crate::scene::FootprintForm;
 use glam::{DAffine3, DMat3, DVec2, DVec3, Mat3, Vec3};
 
@@ -96,10 +97,9 @@ impl<'a> Specification<'a> {
         depth_tolerances: &'a [f32],
     ) -> Self {
         let mut volume_order = taken(volumes);
-        let key = |place: usize| (volumes.keys[place].load(Relaxed) >> 32) as u32;
-        let nearest = volume_order.iter().map(|place| key(*place)).min().unwrap_or(0);
-        // Distances count to 2⁻²⁰ of themselves.
-        volume_order.sort_by_key(|place| ((key(*place) - nearest) >> 3, *place));
+        let keys = Keys::of(&volumes.runs);
+        let key = |place: usize| keys.key(f32::from_bits(volumes.distances[place].load(Relaxed)));
+        volume_order.sort_by_key(|place| (key(*place), *place));
         Self {
             camera,
             settings,
@@ -405,7 +405,7 @@ struct Report {
 fn compare(scene: &Scene, camera: &Camera, settings: &RenderSettings, level: Level) -> Report {
     let mut renderer = Renderer::with(level, 16);
     renderer.render(scene, camera, settings, &()).unwrap();
-    // The renderer's own keys are spent by sorting.
+    // The renderer's own distances are spent by sorting.
     let mut volumes = Records::default();
     let view = SceneView { scene, camera, settings, shaders: &renderer.shaders, level };
     volumes.project(&view, &renderer.visible[1]);

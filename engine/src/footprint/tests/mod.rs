@@ -1,0 +1,133 @@
+//! The wide projection against its specification, splat by splat.
+
+mod compare;
+mod setups;
+
+use super::*;
+use crate::camera::Projection;
+use crate::cloud::Material;
+use crate::columns::LANES;
+use compare::compare;
+use glam::Vec3;
+use proptest::prelude::*;
+use setups::{Seen, Setup, camera, cloud, seen, setup};
+
+/// The splats that the wide projection shows, each at its number.
+fn wide(level: Level, projector: &Projector, middle: Vec3, is_surface: bool) -> Vec<Option<Projected>> {
+    let wide = WideProjector::new(projector);
+    let mut before = 0;
+    (1..=projector.cloud.len())
+        .map(|count| {
+            // The splats up to this one: if there is one more than without it, it is the last.
+            let mut records = [Record::BLANK; CLUSTER_SIZE];
+            let mut rects = [Rect::default(); CLUSTER_SIZE];
+            let mut distances = [const { AtomicU32::new(0) }; CLUSTER_SIZE];
+            let mut samples = [SurfaceSample::default(); LANES];
+            let mut run = Run::new(0);
+            let mut places = Places {
+                records: &mut records,
+                rects: &mut rects,
+                distances: &mut distances,
+                samples: &mut samples,
+                run: &mut run,
+            };
+            let range = VisibleRange {
+                cloud: 0,
+                splats: 0..count,
+                first_id: 0,
+                center: middle,
+                distances: [0.0, f32::INFINITY],
+                is_surface,
+            };
+            wide.project(level, &range, &mut places);
+            let is_new = run.len > std::mem::replace(&mut before, run.len);
+            is_new.then(|| {
+                let last = run.len - 1;
+                let distance = f32::from_bits(*distances[last].get_mut());
+                Projected { record: records[last], rect: rects[last], distance, sample: samples[last] }
+            })
+        })
+        .collect()
+}
+
+fn check(setup: &Setup, splats: &[Seen]) -> Result<(), TestCaseError> {
+    let camera = camera(setup);
+    let cloud = cloud(setup, splats, &camera);
+    let scene = Scene { clouds: vec![cloud], lights: Vec::new() };
+    let shaders = [Shader::new(&scene, &camera, Material::default())];
+    let view = SceneView {
+        scene: &scene,
+        camera: &camera,
+        settings: &setup.settings,
+        shaders: &shaders,
+        level: Level::Baseline,
+    };
+    let projector = view.projector(0);
+    let cloud = projector.cloud;
+    let middle = (0..cloud.len()).map(|i| cloud.center(i)).sum::<Vec3>() / cloud.len() as f32;
+    let is_surface = setup.kind >= 2;
+    let scale =
+        projector.cloud_to_camera.matrix3.to_cols_array().iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+    for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
+        for (index, found) in wide(level, &projector, middle, is_surface).iter().enumerate() {
+            let splat = CameraSplat {
+                center: projector.cloud_to_camera.transform_point3(cloud.center(index).as_dvec3()),
+                factor: projector.cloud_to_camera.matrix3 * cloud.factor(index).as_dmat3(),
+            };
+            // What is rounded on the way to the centre.
+            let from_middle = f64::from((cloud.center(index) - middle).length()) * scale;
+            let extent =
+                splat.center.length() + from_middle + f64::from(cloud.center(index).length()) * scale;
+            let expected = projector.project_splat(index, 0);
+            compare(&(setup, &projector, splat, extent), index, found.as_ref(), expected.as_ref())
+                .map_err(|error| TestCaseError::fail(format!("{level:?}, splat {index}: {error}")))?;
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn what_is_fainter_than_the_tolerance_is_not_drawn() {
+    let setup = Setup {
+        projection: Projection::Perspective,
+        kind: 1,
+        shared: false,
+        transform: 0,
+        degree: 0,
+        near: 0.0,
+        settings: RenderSettings { tolerance: 0.05, ..RenderSettings::default() },
+    };
+    let splat = Seen {
+        place: [0.0; 2],
+        log_depth: 0.0,
+        log_pixels: 0.0,
+        stretch: 1.0,
+        flattening: 1.0,
+        normal: [0.0; 3],
+        edge_on: false,
+        strength: 0.001,
+        color: [0.5; 3],
+        shading: [0.0; 3],
+    };
+    let camera = camera(&setup);
+    let scene = Scene { clouds: vec![cloud(&setup, &[splat], &camera)], lights: Vec::new() };
+    let shaders = [Shader::new(&scene, &camera, Material::default())];
+    let settings = &setup.settings;
+    let view =
+        SceneView { scene: &scene, camera: &camera, settings, shaders: &shaders, level: Level::Baseline };
+    let projector = view.projector(0);
+    let middle = projector.cloud.center(0);
+    assert!(wide(Level::Baseline, &projector, middle, false)[0].is_none(), "the wide projection shows it");
+    if let Some(shown) = projector.project_splat(0, 0) {
+        panic!("the scalar projection shows it in {:?}", shown.rect);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 3000, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn eight_splats_are_projected_as_one_is(setup in setup(), splats in prop::collection::vec(seen(), 1..=LANES)) {
+        check(&setup, &splats)?;
+    }
+}

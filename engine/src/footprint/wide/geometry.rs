@@ -1,0 +1,239 @@
+//! Splats in camera space and their footprints.
+//!
+//! With vₖ = (gₖ,xy − v₀ gₖ,z)/d_z, the columns of a factor of Σ as the picture shows them in pixels, and with
+//! nᵢⱼ = vᵢ × vⱼ, mᵢⱼ = vᵢ gⱼ,z − vⱼ gᵢ,z, all that [`super::Footprint`] says are sums of squares and products of these,
+//! the filter h² among them; nothing cancels for large surfels seen edge-on:
+//!
+//! ```text
+//! V = Σ vvᵀ + h²           |V| = Σ n² + h² Σ |v|² + h⁴              M from V as its inverse's root
+//! s = Σ g_z v              dz/du = V⁻¹s = (Σ n (−m_y, m_x) + h² s)/|V|
+//! σ₀² |V| = (n₀₁g₂ − n₀₂g₁ + n₁₂g₀)² + h² Σ |m|² + h⁴ Σ g_z²         κ² = s·(dz/du)/d_z²
+//! ```
+
+use super::{Rows, WideProjector};
+use crate::columns::{self, Factors, Lanes};
+use crate::scene::FootprintForm;
+use crate::simd::*;
+use glam::Vec3;
+
+/// Splats in camera space.
+pub(super) struct Placed<S: Simd> {
+    pub(super) center: V3<S>,
+    /// 1/z, and 1 where rays are parallel.
+    pub(super) inverse_z: V<S>,
+    /// The ray through the centre, with z = 1.
+    pub(super) ray: V3<S>,
+}
+
+/// Their footprints.
+pub(super) struct Footprints<S: Simd> {
+    /// Half-axes in camera space.
+    pub(super) columns: [V3<S>; 3],
+    pub(super) mean: [V<S>; 2],
+    pub(super) conic_root: V3<S>,
+    pub(super) depth_slope: [V<S>; 2],
+    pub(super) sigma_z: V<S>,
+    pub(super) unit_integral: V<S>,
+    /// √(D₀(Σ)/D₀(Σ')).
+    pub(super) attenuation: V<S>,
+    pub(super) variance: [V<S>; 2],
+    /// Σ g_z v, Σ m² + h² Σ g_z² by axis, and Σ g_z².
+    pub(super) along: [V<S>; 2],
+    pub(super) minor: [V<S>; 2],
+    pub(super) zz: V<S>,
+    /// Those that f32 can hold and that don't reach the camera plane.
+    pub(super) is_simple: M<S>,
+}
+
+/// Three numbers of each splat of a block.
+#[inline(always)]
+pub(super) fn lanes<S: Simd>(simd: S, rows: [Lanes; 3]) -> V3<S> {
+    rows.each(
+        #[inline(always)]
+        |row| V::simd_from(simd, row),
+    )
+}
+
+impl WideProjector<'_> {
+    /// A vector by the rows of a matrix.
+    #[inline(always)]
+    pub(super) fn transform<S: Simd>(simd: S, rows: &Rows, v: V3<S>) -> V3<S> {
+        rows.each_ref().each(
+            #[inline(always)]
+            |row| dot(lanes(simd, *row), v),
+        )
+    }
+
+    #[inline(always)]
+    pub(super) fn place<S: Simd>(&self, simd: S, origin: Vec3, from_middle: V3<S>) -> Placed<S> {
+        let turned = Self::transform(simd, &self.to_camera, from_middle);
+        let center = [0, 1, 2].each(
+            #[inline(always)]
+            |i| turned[i] + origin.to_array()[i],
+        );
+        let (zero, one) = (splat(simd, 0.0), splat(simd, 1.0));
+        if self.perspective {
+            let inverse_z = one / center[2];
+            Placed { center, inverse_z, ray: [center[0] * inverse_z, center[1] * inverse_z, one] }
+        } else {
+            Placed { center, inverse_z: one, ray: [zero, zero, one] }
+        }
+    }
+
+    /// The half-axes of a block in camera space.
+    #[inline(always)]
+    fn half_axes<S: Simd>(&self, simd: S, block: usize) -> [V3<S>; 3] {
+        match &self.scalar.cloud.columns().factors {
+            Factors::Shared(_) => self.shared_axes.each(
+                #[inline(always)]
+                |axis| lanes(simd, axis),
+            ),
+            Factors::Each(factors) => {
+                let factor = factors.block(block);
+                [0, 3, 6].each(
+                    #[inline(always)]
+                    |k| {
+                        let column = lanes(simd, [factor[k], factor[k + 1], factor[k + 2]]);
+                        Self::transform(simd, &self.to_camera, column)
+                    },
+                )
+            }
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn footprints<S: Simd>(&self, simd: S, block: usize, placed: &Placed<S>) -> Footprints<S> {
+        let Placed { center, inverse_z, ray } = placed;
+        let columns = self.half_axes(simd, block);
+        let [h2, h4] = [self.low_pass, self.low_pass * self.low_pass].each(
+            #[inline(always)]
+            |h| splat(simd, h),
+        );
+        let [scale_x, scale_y] = self.focal.each(
+            #[inline(always)]
+            |focal| *inverse_z * focal,
+        );
+        // In pixels; for parallel rays the ray has no slope.
+        let x = columns.each(
+            #[inline(always)]
+            |g| (-ray[0]).mul_add(g[2], g[0]) * scale_x,
+        );
+        let y = columns.each(
+            #[inline(always)]
+            |g| (-ray[1]).mul_add(g[2], g[1]) * scale_y,
+        );
+        let z = columns.each(
+            #[inline(always)]
+            |g| g[2],
+        );
+        let pair = |a: &V3<S>, b: &V3<S>| {
+            [
+                a[0].mul_sub(b[1], a[1] * b[0]),
+                a[0].mul_sub(b[2], a[2] * b[0]),
+                a[1].mul_sub(b[2], a[2] * b[1]),
+            ]
+        };
+        let [n, mx, my] = [pair(&x, &y), pair(&x, &z), pair(&y, &z)];
+        let [xx, yy, xy, zz, nn] = [dot(x, x), dot(y, y), dot(x, y), dot(z, z), dot(n, n)];
+        let along = [dot(x, z), dot(y, z)];
+        let area = (xx + yy).mul_add(h2, nn + h4);
+        let inverse_root = splat(simd, 1.0) / area.sqrt();
+        let inverse_area = inverse_root * inverse_root;
+        let triple = n[0].mul_add(z[2], n[2].mul_sub(z[0], n[1] * z[1]));
+        let mm = [dot(mx, mx), dot(my, my)];
+        let volume = triple.mul_add(triple, (mm[0] + mm[1]).mul_add(h2, zz * h4));
+        let variance = [xx + h2, yy + h2];
+        let root_y = variance[1].sqrt();
+        let inverse_y = splat(simd, 1.0) / root_y;
+        let [slope_x, slope_y] = [along[0].mul_sub(h2, dot(n, my)), along[1].mul_add(h2, dot(n, mx))];
+        let across = if self.perspective { [ray[0], ray[1]] } else { [center[0], center[1]] };
+        let mean = [0, 1].each(
+            #[inline(always)]
+            |i| across[i].mul_add(splat(simd, self.focal[i]), splat(simd, self.principal[i])),
+        );
+        let mut is_simple = area.simd_gt(splat(simd, 1e-12)) & area.simd_lt(splat(simd, 1e24));
+        if self.perspective {
+            let beyond = (center[2] * center[2]).simd_gt(zz * self.cutoff);
+            is_simple &= beyond & center[2].simd_gt(splat(simd, 0.0));
+        }
+        let solid = self.focal[0] * self.focal[1] / std::f32::consts::TAU;
+        Footprints {
+            columns,
+            mean,
+            conic_root: [root_y * inverse_root, -xy * inverse_y * inverse_root, inverse_y],
+            depth_slope: [slope_x * inverse_area, slope_y * inverse_area],
+            sigma_z: (volume * inverse_area).sqrt(),
+            unit_integral: *inverse_z * *inverse_z * inverse_root * solid,
+            attenuation: nn.sqrt() * inverse_root,
+            variance,
+            along,
+            minor: [0, 1].each(
+                #[inline(always)]
+                |i| zz.mul_add(h2, mm[i]),
+            ),
+            zz,
+            is_simple,
+        }
+    }
+
+    /// Where the exact form is needed.
+    #[inline(always)]
+    pub(super) fn needs_exact<S: Simd>(
+        &self,
+        simd: S,
+        placed: &Placed<S>,
+        footprints: &Footprints<S>,
+    ) -> M<S> {
+        let form = self.scalar.view.settings.footprint;
+        if !self.perspective || form != FootprintForm::Auto {
+            return M::splat(simd, self.perspective && form == FootprintForm::Exact);
+        }
+        let Footprints { along, depth_slope, sigma_z, variance, .. } = footprints;
+        let per_z = placed.inverse_z * placed.inverse_z;
+        let kappa2 =
+            (along[0].mul_add(depth_slope[0], along[1] * depth_slope[1]) * per_z).max(splat(simd, 0.0));
+        let lambda = sigma_z.mul_add(*sigma_z * per_z, kappa2);
+        let mut error = kappa2.sqrt().mul_add(splat(simd, 1.74), lambda * 1.1);
+        if self.scalar.cloud.columns().kind == columns::Kind::Extinction {
+            // |V| is small, so V can't be had from the root; its off-diagonal is −b/(a c²).
+            let [a, b, c] = footprints.conic_root;
+            let xy = -b / (a * c * c);
+            let inverse_length2 = splat(simd, 1.0) / dot(placed.ray, placed.ray);
+            let g = [0, 1].each(
+                #[inline(always)]
+                |i| placed.ray[i] * inverse_length2 * (1.0 / self.focal[i]),
+            );
+            let nu2 = (g[0] * g[0])
+                .mul_add(variance[0], (g[1] * g[1]).mul_add(variance[1], g[0] * g[1] * xy * 2.0));
+            error = nu2.max(splat(simd, 0.0)).sqrt().mul_add(splat(simd, 0.8), error);
+        }
+        error.simd_gt(splat(simd, self.tolerance / 4.0))
+    }
+
+    /// First and last pixels of the rectangles, along an axis.
+    #[inline(always)]
+    pub(super) fn bounds<S: Simd>(
+        &self,
+        simd: S,
+        axis: usize,
+        (placed, footprints): (&Placed<S>, &Footprints<S>),
+        (exact, cutoff): (M<S>, V<S>),
+    ) -> [V<S>; 2] {
+        let Footprints { mean, variance, along, minor, zz, .. } = footprints;
+        let (mut center, mut half) = (mean[axis], (variance[axis] * cutoff).sqrt());
+        if exact.any_true() {
+            let per_z = placed.inverse_z * placed.inverse_z * cutoff;
+            let inverse = splat(simd, 1.0) / (splat(simd, 1.0) - per_z * *zz);
+            let shift = along[axis] * placed.inverse_z * cutoff * inverse;
+            let under = (variance[axis] - per_z * minor[axis]) * cutoff;
+            let exact_half = under.max(splat(simd, 0.0)).sqrt() * inverse;
+            center = exact.select(center - shift, center);
+            half = exact.select(exact_half, half);
+        }
+        // As in `Rect::around`.
+        let last = self.scalar.view.camera.size()[axis] as f32;
+        let low = (center - half - 0.51).ceil().max(splat(simd, 0.0));
+        let high = ((center + half - 0.49).floor() + 1.0).min(splat(simd, last));
+        [low, high]
+    }
+}

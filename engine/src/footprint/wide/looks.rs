@@ -1,0 +1,170 @@
+//! Colours, normals and amplitudes.
+
+use super::WideProjector;
+use super::geometry::{Footprints, Placed, lanes};
+use crate::columns::{self, PackedHarmonics};
+use crate::harmonics::basis;
+use crate::scene::Blend;
+use crate::simd::*;
+
+/// Colours in the space of blending, shaded where the splats are a volume's, and unit normals or zero.
+pub(super) struct Colors<S: Simd> {
+    pub(super) color: V3<S>,
+    pub(super) normal: V3<S>,
+}
+
+/// What splats look like.
+pub(super) struct Looks<S: Simd> {
+    pub(super) amplitude: V<S>,
+    pub(super) slope: [V<S>; 2],
+    pub(super) color: V3<S>,
+    pub(super) normal: V3<S>,
+    /// Where r ends.
+    pub(super) cutoff: V<S>,
+    pub(super) is_seen: M<S>,
+}
+
+impl WideProjector<'_> {
+    /// The base colours in the space of blending, as they are seen from the eye.
+    #[inline(always)]
+    fn base_colors<S: Simd>(&self, simd: S, block: usize, towards: V3<S>) -> V3<S> {
+        let columns = self.scalar.cloud.columns();
+        let linear = lanes(simd, *columns.colors.block(block));
+        let blend = self.scalar.view.settings.blend;
+        if columns.harmonics.is_none() && blend == Blend::Linear {
+            return linear;
+        }
+        let mut encoded = colors_to_srgb(simd, linear);
+        if let Some(harmonics) = &columns.harmonics {
+            let direction = if self.perspective {
+                normalize_or_zero(simd, towards)
+            } else {
+                let forward = self.scalar.camera_to_cloud.matrix3.z_axis.normalize_or_zero();
+                splat3(simd, forward.as_vec3().to_array())
+            };
+            let color = evaluate(simd, harmonics, block, direction);
+            encoded = [0, 1, 2].each(
+                #[inline(always)]
+                |i| (encoded[i] + color[i]).max(splat(simd, 0.0)),
+            );
+        }
+        if blend == Blend::Display {
+            return encoded;
+        }
+        encoded.each(
+            #[inline(always)]
+            |c| srgb_to_linear(simd, c),
+        )
+    }
+
+    #[inline(always)]
+    pub(super) fn colors<S: Simd>(
+        &self,
+        simd: S,
+        block: usize,
+        placed: &Placed<S>,
+        towards: V3<S>,
+    ) -> Colors<S> {
+        let columns = self.scalar.cloud.columns();
+        let color = self.base_colors(simd, block, towards);
+        let normal = match &columns.normals {
+            None => splat3(simd, [0.0; 3]),
+            Some(normals) => {
+                let normal = lanes(simd, *normals.block(block));
+                normalize_or_zero(simd, Self::transform(simd, &self.normal_to_camera, normal))
+            }
+        };
+        let is_surface = matches!(columns.kind, columns::Kind::Surface(_));
+        if is_surface || !self.scalar.view.settings.shade {
+            return Colors { color, normal };
+        }
+        let color = self.scalar.shader.shade_wide_two_sided(simd, color, normal, placed.center);
+        Colors { color, normal }
+    }
+
+    #[inline(always)]
+    pub(super) fn looks<S: Simd>(
+        &self,
+        simd: S,
+        block: usize,
+        (placed, footprints): (&Placed<S>, &Footprints<S>),
+        Colors { color, normal }: Colors<S>,
+    ) -> Looks<S> {
+        let columns = self.scalar.cloud.columns();
+        let zero = splat(simd, 0.0);
+        let strength = V::simd_from(simd, columns.strengths.block(block)[0]) * self.strength_scale;
+        let cutoff = splat(simd, self.cutoff);
+        match columns.kind {
+            columns::Kind::Extinction => {
+                let amplitude = strength * footprints.unit_integral;
+                let is_seen = amplitude.simd_gt(zero);
+                Looks { amplitude, slope: [zero; 2], color, normal, cutoff, is_seen }
+            }
+            columns::Kind::Opacity => {
+                let amplitude = (strength * footprints.attenuation).min(splat(simd, 1.0 - 1e-6));
+                let is_seen = amplitude.simd_gt(splat(simd, self.tolerance.max(1e-30)));
+                const TWO_LN2: f32 = 2.0 * std::f32::consts::LN_2;
+                let over = amplitude * (1.0 / self.tolerance.max(1e-30));
+                let own = log2(simd, over.max(splat(simd, 1.0))) * TWO_LN2;
+                Looks { amplitude, slope: [zero; 2], color, normal, cutoff: own.min(cutoff), is_seen }
+            }
+            columns::Kind::Surface(surface) => {
+                let coverage = strength * footprints.unit_integral;
+                let [a, b, _] = footprints.columns;
+                let own = normalize_or_zero(simd, cross(a, b)).each(
+                    #[inline(always)]
+                    |n| n * self.handedness,
+                );
+                let facing = dot(own, placed.ray);
+                let amplitude = coverage * facing;
+                let slope = [0, 1].each(
+                    #[inline(always)]
+                    |i| own[i] * coverage * (1.0 / self.focal[i]),
+                );
+                // The side that is seen is the shape's; a shading normal agrees with it.
+                let cosine = dot(normal, own);
+                let turned = cosine.simd_lt(zero);
+                let bare = dot(normal, normal).simd_lt(splat(simd, 0.5));
+                let normal = [0, 1, 2].each(
+                    #[inline(always)]
+                    |i| bare.select(own[i], turned.select(-normal[i], normal[i])),
+                );
+                let mut is_seen = amplitude.abs().simd_gt(zero)
+                    | slope[0].abs().simd_gt(zero)
+                    | slope[1].abs().simd_gt(zero);
+                if surface.closed {
+                    is_seen &= facing.simd_lt(zero);
+                }
+                Looks { amplitude, slope, color, normal, cutoff, is_seen }
+            }
+        }
+    }
+}
+
+/// Harmonics of the splats of a block, seen along unit vectors.
+#[inline(always)]
+fn evaluate<S: Simd>(simd: S, harmonics: &PackedHarmonics, block: usize, direction: V3<S>) -> V3<S> {
+    let [x, y, z] = direction;
+    let values = basis(x, y, z).each(
+        #[inline(always)]
+        |value| value * harmonics.unit,
+    );
+    let pairs = harmonics.block(block);
+    let per_channel = harmonics.pairs_per_channel();
+    [0, 1, 2].each(
+        #[inline(always)]
+        |channel| {
+            let mut sum = splat(simd, 0.0);
+            for (number, pair) in pairs[channel * per_channel..][..per_channel].iter().enumerate() {
+                let pair: i32x8<S> = u32x8::simd_from(simd, *pair).bitcast();
+                let low: V<S> = ((pair << 16) >> 16).to_float();
+                let high: V<S> = (pair >> 16).to_float();
+                sum = low.mul_add(values[2 * number], sum);
+                if 2 * number + 1 < values.len() {
+                    sum = high.mul_add(values[2 * number + 1], sum);
+                }
+            }
+            sum
+        },
+    )
+}

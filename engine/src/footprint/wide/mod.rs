@@ -1,0 +1,136 @@
+//! Eight splats to records at once.
+//!
+//! A kernel that reaches the camera plane, or has no area that f32 can hold, is left to [`super::scalar`].
+
+mod geometry;
+mod looks;
+mod write;
+
+use super::scalar::Projector;
+use super::{Places, cutoff_gain};
+use crate::camera::Projection;
+use crate::columns::{self, Factors, LANES, Lanes};
+use crate::cull::VisibleRange;
+use crate::simd::*;
+use glam::DMat3;
+
+/// What the splats of a cloud share, in f32.
+pub(super) struct WideProjector<'a> {
+    scalar: &'a Projector<'a>,
+    perspective: bool,
+    focal: [f32; 2],
+    principal: [f32; 2],
+    /// The linear part of cloud to camera, and its cofactors with the sign of its determinant.
+    to_camera: Rows,
+    normal_to_camera: Rows,
+    /// The half-axes of all splats in camera space, where they share them.
+    shared_axes: Rows,
+    /// −1 where the cloud is mirrored.
+    handedness: f32,
+    /// What strengths are multiplied by: the volume's or area's scale, the cut-off's gain, over the coverage floor.
+    strength_scale: f32,
+    /// A cloud that is stretched unevenly has another area scale for each surfel.
+    is_even: bool,
+    cutoff: f32,
+    low_pass: f32,
+    near: f32,
+    tolerance: f32,
+}
+
+/// The rows of a matrix, each number for every lane: instructions read eight numbers, or one for each of eight lanes
+/// after another instruction has made them eight.
+type Rows = [[Lanes; 3]; 3];
+
+fn rows(m: DMat3) -> Rows {
+    [m.row(0), m.row(1), m.row(2)].map(|row| row.as_vec3().to_array().map(|number| [number; LANES]))
+}
+
+/// Whether lengths and angles keep their proportions.
+fn is_similarity(m: DMat3) -> bool {
+    let product = m.transpose() * m;
+    let scale = product.x_axis.x;
+    let off = product - DMat3::from_diagonal(glam::DVec3::splat(scale));
+    off.to_cols_array().iter().all(|x| x.abs() <= 1e-6 * scale)
+}
+
+impl<'a> WideProjector<'a> {
+    pub(super) fn new(scalar: &'a Projector<'a>) -> Self {
+        let lens = &scalar.view.lens;
+        let settings = scalar.view.settings;
+        let gain = cutoff_gain(settings.cutoff);
+        let linear = scalar.cloud_to_camera.matrix3;
+        let strength_scale = match scalar.cloud.columns().kind {
+            columns::Kind::Extinction => scalar.determinant * gain,
+            columns::Kind::Opacity => 1.0,
+            columns::Kind::Surface(surface) => {
+                scalar.determinant.cbrt().powi(2) * gain / f64::from(surface.coverage_floor)
+            }
+        };
+        let is_surface = matches!(scalar.cloud.columns().kind, columns::Kind::Surface(_));
+        Self {
+            scalar,
+            perspective: lens.projection == Projection::Perspective,
+            focal: lens.focal.as_vec2().to_array(),
+            principal: lens.principal.as_vec2().to_array(),
+            to_camera: rows(linear),
+            normal_to_camera: rows(scalar.normal_to_camera),
+            shared_axes: match scalar.cloud.columns().factors {
+                Factors::Shared(factor) => rows((linear * factor.as_dmat3()).transpose()),
+                Factors::Each(_) => Rows::default(),
+            },
+            handedness: linear.determinant().signum() as f32,
+            strength_scale: strength_scale as f32,
+            is_even: !is_surface || is_similarity(linear),
+            cutoff: settings.cutoff as f32,
+            low_pass: lens.low_pass.powi(2) as f32,
+            near: scalar.view.camera.near() as f32,
+            tolerance: settings.tolerance as f32,
+        }
+    }
+
+    /// Projects a range whose first splat begins a block, with the instructions of a level.
+    #[inline(never)]
+    pub(super) fn project(&self, level: Level, range: &VisibleRange, out: &mut Places) {
+        if self.is_even {
+            dispatch!(level, simd => self.project_wide(simd, range, out));
+        } else {
+            range.splats.clone().for_each(|splat| self.push_scalar(range, splat, out));
+        }
+    }
+
+    #[inline(always)]
+    fn project_wide<S: Simd>(&self, simd: S, range: &VisibleRange, out: &mut Places) {
+        let origin = self.scalar.cloud_to_camera.transform_point3(range.center.as_dvec3()).as_vec3();
+        let eye = self.scalar.camera_to_cloud.translation - range.center.as_dvec3();
+        let mut ends = [f32::INFINITY, f32::NEG_INFINITY].each(
+            #[inline(always)]
+            |end| splat(simd, end),
+        );
+        for first in range.splats.clone().step_by(LANES) {
+            let count = (range.splats.end - first).min(LANES);
+            let valid = (1_u32 << count) - 1;
+            let center = self.scalar.cloud.columns().centers.block(first / LANES);
+            let from_middle = [0, 1, 2].each(
+                #[inline(always)]
+                |i| V::simd_from(simd, center[i]) - range.center.to_array()[i],
+            );
+            let towards = [0, 1, 2].each(
+                #[inline(always)]
+                |i| from_middle[i] - eye.to_array()[i] as f32,
+            );
+            let block = first / LANES;
+            let placed = self.place(simd, origin, from_middle);
+            let colors = self.colors(simd, block, &placed, towards);
+            let footprints = self.footprints(simd, block, &placed);
+            let looks = self.looks(simd, block, (&placed, &footprints), colors);
+            self.push(simd, (range, first, valid), (&placed, &footprints, &looks), (out, &mut ends));
+        }
+        out.run.include([ends[0].reduce_min(), ends[1].reduce_max()]);
+    }
+
+    fn push_scalar(&self, range: &VisibleRange, index: usize, out: &mut Places) {
+        if let Some(splat) = self.scalar.project_splat(index, range.first_id) {
+            out.push(splat);
+        }
+    }
+}
