@@ -27,6 +27,20 @@ impl Seen {
     pub(crate) const CLEAR: Self = Self { color: [Plane::ZERO; 3], opacity: Plane::ZERO, depth: Plane::ZERO };
 }
 
+impl Seen {
+    /// (C, T)∘(C', T') = (C + T·C', T·T'); gives T·α.
+    #[inline(always)]
+    fn blend<S: Simd>(&mut self, simd: S, alpha: W<S>, color: [f32; 3]) -> W<S> {
+        let opacity = self.opacity.load(simd);
+        let shown = (-opacity).mul_add(alpha, alpha);
+        self.opacity.store(opacity + shown);
+        for (plane, own) in self.color.iter_mut().zip(color) {
+            plane.add_product(simd, shown, W::simd_from(simd, own));
+        }
+        shown
+    }
+}
+
 /// The runs of a tile: for each segment between cuts, near to far, its blocks.
 pub(crate) struct Runs {
     segments: Vec<Vec<Seen>>,
@@ -71,11 +85,16 @@ pub(crate) struct Compositor<'a> {
 
 /// A block of a tile.
 #[derive(Clone, Copy)]
-struct Here<S: Simd> {
+struct Here {
     tile: Tile,
     block: usize,
-    /// Columns and rows of its pixels, from the tile's first.
-    pixels: [W<S>; 2],
+}
+
+impl Here {
+    #[inline(always)]
+    fn pixels<S: Simd>(self, simd: S) -> [W<S>; 2] {
+        pixels(simd, self.tile.corner_pixel(self.block))
+    }
 }
 
 impl Compositor<'_> {
@@ -102,8 +121,8 @@ impl Compositor<'_> {
             while blocks != 0 {
                 let block = blocks.trailing_zeros() as usize % MAX_BLOCKS;
                 blocks &= blocks - 1;
-                let here = Here { tile, block, pixels: pixels(simd, tile.corner_pixel(block)) };
-                let (added, is_open) = self.add_batch(simd, here, (cuts, kernels, &places), runs);
+                let (added, is_open) =
+                    self.add_batch(simd, Here { tile, block }, (cuts, kernels, &places), runs);
                 count += u64::from(added);
                 open &= !(u64::from(!is_open) << block);
             }
@@ -137,7 +156,7 @@ impl Compositor<'_> {
     fn add_batch<S: Simd>(
         &self,
         simd: S,
-        here: Here<S>,
+        here: Here,
         (cuts, kernels, places): (&Cuts, &Kernels, &Places),
         runs: &mut Runs,
     ) -> (u32, bool) {
@@ -172,50 +191,34 @@ impl Compositor<'_> {
         }
     }
 
-    /// Adds whole kernels to one run; says whether something is still seen through it. What is seen stays in registers
-    /// meanwhile.
+    /// Adds whole kernels to one run; says whether something is still seen through it.
     #[inline(always)]
-    fn plain<S: Simd>(
-        &self,
-        simd: S,
-        here: Here<S>,
-        (kernels, mut set): (&Kernels, u64),
-        seen: &mut Seen,
-    ) -> bool {
-        let mut opacity = seen.opacity.load(simd);
-        let [mut red, mut green, mut blue] = seen.color.each_ref().each(
-            #[inline(always)]
-            |plane| plane.load(simd),
-        );
-        while set != 0 {
-            let number = set.trailing_zeros() as usize % BATCH;
-            set &= set - 1;
-            let alpha = kernels.alpha(simd, number, here.pixels, (here.tile, &self.lens));
-            let shown = (-opacity).mul_add(alpha, alpha);
-            opacity += shown;
-            let color = kernels.color(number).each(
+    fn plain<S: Simd>(&self, simd: S, here: Here, (kernels, set): (&Kernels, u64), seen: &mut Seen) -> bool {
+        if self.keeps_depth || !kernels.are_thin(set) {
+            apart(
+                simd,
                 #[inline(always)]
-                |c| W::simd_from(simd, c),
+                || self.any_kernels(simd, here, (kernels, set), seen),
             );
-            red = shown.mul_add(color[0], red);
-            green = shown.mul_add(color[1], green);
-            blue = shown.mul_add(color[2], blue);
+        } else {
+            thin_kernels(simd, here, (kernels, set), seen);
+        }
+        seen.opacity.load(simd).simd_lt(W::simd_from(simd, 1.0 - self.spent)).any_true()
+    }
+
+    /// Adds kernels of any kind and form to one run.
+    #[inline(always)]
+    fn any_kernels<S: Simd>(&self, simd: S, here: Here, (kernels, set): (&Kernels, u64), seen: &mut Seen) {
+        let pixels = here.pixels(simd);
+        for number in numbers(set) {
+            let Fragments { strength, depth, .. } =
+                kernels.fragments(simd, number, pixels, (here.tile, &self.lens));
+            let alpha = if kernels.is_opacity(number) { strength } else { opacity(simd, strength) };
+            let shown = seen.blend(simd, alpha, kernels.color(number));
             if self.keeps_depth {
-                apart(
-                    simd,
-                    #[inline(always)]
-                    || {
-                        let fragments = kernels.fragments(simd, number, here.pixels, (here.tile, &self.lens));
-                        seen.depth.add_product(simd, fragments.depth, shown);
-                    },
-                );
+                seen.depth.add_product(simd, depth, shown);
             }
         }
-        seen.opacity.store(opacity);
-        for (color, plane) in [red, green, blue].into_iter().zip(&mut seen.color) {
-            plane.store(color);
-        }
-        opacity.simd_lt(W::simd_from(simd, 1.0 - self.spent)).any_true()
     }
 
     /// Shares a kernel out between the runs of a block:
@@ -224,7 +227,7 @@ impl Compositor<'_> {
     fn shared<S: Simd>(
         &self,
         simd: S,
-        here: Here<S>,
+        here: Here,
         (kernels, number): (&Kernels, usize),
         (cuts, segments, runs): (&Cuts, usize, &mut Runs),
     ) {
@@ -233,7 +236,7 @@ impl Compositor<'_> {
             #[inline(always)]
             || {
                 let Fragments { strength, depth, sigma_z } =
-                    kernels.fragments(simd, number, here.pixels, (here.tile, &self.lens));
+                    kernels.fragments(simd, number, here.pixels(simd), (here.tile, &self.lens));
                 let color = kernels.color(number);
                 let is_opacity = kernels.is_opacity(number);
                 let tau = if is_opacity { optical_depth(simd, strength) } else { strength };
@@ -246,12 +249,7 @@ impl Compositor<'_> {
                     let before_to = share_before(simd, (to - depth) * inverse);
                     let share = (before_to - before_from).max(W::simd_from(simd, 0.0));
                     let alpha = kernels.opacity(simd, number, tau * share);
-                    let opacity = seen.opacity.load(simd);
-                    let shown = (-opacity).mul_add(alpha, alpha);
-                    seen.opacity.store(opacity + shown);
-                    for (plane, own) in seen.color.iter_mut().zip(color) {
-                        plane.add_product(simd, shown, W::simd_from(simd, own));
-                    }
+                    let shown = seen.blend(simd, alpha, color);
                     if self.keeps_depth {
                         seen.depth.add_product(simd, shown, depth.max(from).min(to));
                     }
@@ -260,6 +258,43 @@ impl Compositor<'_> {
             },
         );
     }
+}
+
+/// Adds thin kernels to one run. What is seen stays in registers meanwhile.
+#[inline(always)]
+fn thin_kernels<S: Simd>(simd: S, here: Here, (kernels, set): (&Kernels, u64), seen: &mut Seen) {
+    let mut opacity = seen.opacity.load(simd);
+    let [mut red, mut green, mut blue] = seen.color.each_ref().each(
+        #[inline(always)]
+        |plane| plane.load(simd),
+    );
+    let pixels = here.pixels(simd);
+    for number in numbers(set) {
+        let alpha = kernels.thin_alpha(simd, number, pixels);
+        let shown = (-opacity).mul_add(alpha, alpha);
+        opacity += shown;
+        let color: [W<S>; 3] = splat3(simd, kernels.color(number));
+        red = shown.mul_add(color[0], red);
+        green = shown.mul_add(color[1], green);
+        blue = shown.mul_add(color[2], blue);
+    }
+    seen.opacity.store(opacity);
+    for (color, plane) in [red, green, blue].into_iter().zip(&mut seen.color) {
+        plane.store(color);
+    }
+}
+
+/// The numbers of a set's bits.
+#[inline(always)]
+fn numbers(mut set: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(
+        #[inline(always)]
+        move || {
+            let number = (set != 0).then_some(set.trailing_zeros() as usize % BATCH)?;
+            set &= set - 1;
+            Some(number)
+        },
+    )
 }
 
 /// The bits of a set below the lowest of another one.

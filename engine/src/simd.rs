@@ -145,21 +145,9 @@ pub fn rewrite(level: Level, lanes: &mut [[f32; 8]], rounds: usize) {
     });
 }
 
-/// 0, 1, … 7.
-#[inline(always)]
-pub(crate) fn lane_numbers<S: Simd>(simd: S) -> V<S> {
-    V::simd_from(simd, [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
-}
-
 #[inline(always)]
 pub(crate) fn splat<S: Simd>(simd: S, value: f32) -> V<S> {
     V::simd_from(simd, value)
-}
-
-/// x where the mask is set, 0 elsewhere, whatever x is there.
-#[inline(always)]
-pub(crate) fn keep<S: Simd>(simd: S, mask: M<S>, x: V<S>) -> V<S> {
-    mask.select(x, splat(simd, 0.0))
 }
 
 /// Any count of numbers at once.

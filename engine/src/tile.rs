@@ -51,7 +51,7 @@ pub(crate) struct Tile {
     pub(crate) origin: [usize; 2],
     /// Pixels in a row and rows that lie in the picture.
     pub(crate) size: [usize; 2],
-    /// A multiple of eight, at most [`MAX_SIDE`].
+    /// 8, 16 or 32: a power of two, at most [`MAX_SIDE`].
     pub(crate) side: usize,
 }
 
@@ -78,7 +78,9 @@ impl Tile {
     /// Where a block's first pixel is, from the tile's.
     #[inline(always)]
     pub(crate) fn corner(self, block: usize) -> [usize; 2] {
-        [block / self.blocks_a_side() * BLOCK_SIDE, block % self.blocks_a_side() * BLOCK_SIDE]
+        // The side is a power of two.
+        let column = block >> self.blocks_a_side().trailing_zeros();
+        [column * BLOCK_SIDE, (block - column * self.blocks_a_side()) * BLOCK_SIDE]
     }
 
     /// As [`Self::corner`].

@@ -1,7 +1,7 @@
 //! Volume records to optical depths or opacities at the pixels of a block.
 
 use super::offsets::{Exact, HALF_LOG2_E, ROOT_HALF_LOG2_E};
-use super::outline::{BATCH, BlockMasks, Column, Outlines, add_rect};
+use super::outline::{BATCH, BlockMasks, Column, Outlines, add_rect, sixteen, sixteen_of};
 use crate::camera::Projection;
 use crate::footprint::{Form, Kind, Lens, Record, Rect};
 use crate::simd::*;
@@ -127,23 +127,22 @@ impl Kernels {
     #[inline(always)]
     fn prepare<S: Simd>(&mut self, simd: S, tile: Tile, lens: &KernelLens, first: usize) {
         let range = first..first + 16;
-        let read = |column: &Column| W::from_slice(simd, &column[range.clone()]);
-        let constant = |x: f32| W::simd_from(simd, x);
         for (axis, mean) in self.outlines.mean.iter_mut().enumerate() {
-            (read(mean) - (tile.origin[axis] as f32 + 0.5)).store_slice(&mut mean[range.clone()]);
+            (sixteen(simd, mean, first) - (tile.origin[axis] as f32 + 0.5))
+                .store_slice(&mut mean[range.clone()]);
         }
         let root = self.outlines.root.each_ref().each(
             #[inline(always)]
-            |column| read(column) * ROOT_HALF_LOG2_E,
+            |column| sixteen(simd, column, first) * ROOT_HALF_LOG2_E,
         );
         for (column, root) in self.outlines.root.iter_mut().zip(root) {
             root.store_slice(&mut column[range.clone()]);
         }
-        let amplitude = read(&self.amplitude);
+        let amplitude = sixteen(simd, &self.amplitude, first);
         let square = amplitude * amplitude;
         let opacity = mask32x16::from_bitmask(simd, self.opacities >> first);
         let exact = mask32x16::from_bitmask(simd, self.exact >> first);
-        let zero = constant(0.0);
+        let zero = W::simd_from(simd, 0.0);
         let thin = [
             opacity.select(amplitude, amplitude * THIN[0]),
             opacity.select(zero, square * THIN[1]),
@@ -152,18 +151,18 @@ impl Kernels {
         for (column, thin) in self.alpha.iter_mut().zip(thin) {
             thin.store_slice(&mut column[range.clone()]);
         }
-        let is_thin = (opacity | amplitude.simd_le(constant(THIN_PEAK))) & !exact;
+        let is_thin = (opacity | amplitude.simd_le(W::simd_from(simd, THIN_PEAK))) & !exact;
         self.thin |= is_thin.to_bitmask() << first;
         // An opacity that is not seen at all was dropped: the logarithm is positive.
-        let end = constant(lens.cutoff * HALF_LOG2_E);
-        let least = constant(lens.least_alpha.max(f32::MIN_POSITIVE));
+        let end = W::simd_from(simd, lens.cutoff * HALF_LOG2_E);
+        let least = W::simd_from(simd, lens.least_alpha.max(f32::MIN_POSITIVE));
         let own = log2(simd, opacity.select(amplitude, least) / least).max(zero);
         let end = opacity.select(own.min(end), end);
         end.store_slice(&mut self.outlines.end[range.clone()]);
         // Σ_zz is σ_z² and what the slope of the depth adds over the footprint, |M⁻ᵀ slope|².
-        let x = read(&self.depth_slope[0]) / root[0];
-        let y = (read(&self.depth_slope[1]) - root[1] * x) / root[2];
-        let reach = (x.mul_add(x, y * y) * end).sqrt() + read(&self.sigma_z) * (1.25 * REACH);
+        let x = sixteen(simd, &self.depth_slope[0], first) / root[0];
+        let y = (sixteen(simd, &self.depth_slope[1], first) - root[1] * x) / root[2];
+        let reach = (x.mul_add(x, y * y) * end).sqrt() + sixteen(simd, &self.sigma_z, first) * (1.25 * REACH);
         reach.store_slice(&mut self.reach[range]);
     }
 
@@ -172,8 +171,7 @@ impl Kernels {
     pub(crate) fn places<S: Simd>(&self, simd: S, [near, hidden]: [f32; 2]) -> Places {
         let mut places = Places { hidden: 0, whole: 0 };
         for first in (0..BATCH).step_by(16) {
-            let read = |column: &Column| W::from_slice(simd, &column[first..first + 16]);
-            let nearest = read(&self.depth) - read(&self.reach);
+            let nearest = sixteen(simd, &self.depth, first) - sixteen(simd, &self.reach, first);
             places.hidden |= nearest.simd_gt(W::simd_from(simd, hidden)).to_bitmask() << first;
             places.whole |= nearest.simd_gt(W::simd_from(simd, near)).to_bitmask() << first;
         }
@@ -188,21 +186,20 @@ impl Kernels {
         corner: [f32; 2],
         [near, far, hidden]: [f32; 3],
     ) -> Places {
-        let constant = |x: f32| W::simd_from(simd, x);
         let mut places = Places { hidden: 0, whole: 0 };
         for first in (0..BATCH).step_by(16) {
-            let read = |column: &Column| W::from_slice(simd, &column[first..first + 16]);
-            let x = constant(corner[0] + HALF_BLOCK) - read(&self.outlines.mean[0]);
-            let y = constant(corner[1] + HALF_BLOCK) - read(&self.outlines.mean[1]);
-            let slope = [read(&self.depth_slope[0]), read(&self.depth_slope[1])];
-            let (depth, sigma_z) = (read(&self.depth), read(&self.sigma_z));
+            let x = W::simd_from(simd, corner[0] + HALF_BLOCK) - sixteen(simd, &self.outlines.mean[0], first);
+            let y = W::simd_from(simd, corner[1] + HALF_BLOCK) - sixteen(simd, &self.outlines.mean[1], first);
+            let slope = sixteen_of(simd, &self.depth_slope, first);
+            let (depth, sigma_z) = (sixteen(simd, &self.depth, first), sixteen(simd, &self.sigma_z, first));
             let exact = mask32x16::from_bitmask(simd, self.exact >> first);
             let middle = exact.select(depth, slope[0].mul_add(x, slope[1].mul_add(y, depth)));
-            let half = sigma_z.mul_add(constant(REACH), (slope[0].abs() + slope[1].abs()) * HALF_BLOCK);
-            let half = exact.select(read(&self.reach), half);
+            let half =
+                sigma_z.mul_add(W::simd_from(simd, REACH), (slope[0].abs() + slope[1].abs()) * HALF_BLOCK);
+            let half = exact.select(sixteen(simd, &self.reach, first), half);
             let (nearest, farthest) = (middle - half, middle + half);
-            let whole = nearest.simd_gt(constant(near)) & farthest.simd_lt(constant(far));
-            places.hidden |= nearest.simd_gt(constant(hidden)).to_bitmask() << first;
+            let whole = nearest.simd_gt(W::simd_from(simd, near)) & farthest.simd_lt(W::simd_from(simd, far));
+            places.hidden |= nearest.simd_gt(W::simd_from(simd, hidden)).to_bitmask() << first;
             places.whole |= whole.to_bitmask() << first;
         }
         places
@@ -220,12 +217,6 @@ impl Kernels {
         [self.color[0][number], self.color[1][number], self.color[2][number]]
     }
 
-    /// Whether opacities are the polynomial.
-    #[inline(always)]
-    fn is_thin(&self, number: usize) -> bool {
-        self.thin >> number & 1 != 0
-    }
-
     /// Whether strengths are opacities.
     #[inline(always)]
     pub(crate) fn is_opacity(&self, number: usize) -> bool {
@@ -235,32 +226,22 @@ impl Kernels {
     /// The opacity of a share of a kernel, of an optical depth.
     #[inline(always)]
     pub(crate) fn opacity<S: Simd>(&self, simd: S, number: usize, optical_depth: W<S>) -> W<S> {
-        if self.is_thin(number) && !self.is_opacity(number) {
+        if self.are_thin(1 << number) && !self.is_opacity(number) {
             optical_depth * polynomial(simd, optical_depth, THIN)
         } else {
             opacity(simd, optical_depth)
         }
     }
 
-    /// The opacity of a whole kernel at pixels.
+    /// Whether the opacities of all of a set are the polynomial.
     #[inline(always)]
-    pub(crate) fn alpha<S: Simd>(
-        &self,
-        simd: S,
-        number: usize,
-        pixels: [W<S>; 2],
-        tile: (Tile, &KernelLens),
-    ) -> W<S> {
-        if !self.is_thin(number) {
-            return apart(
-                simd,
-                #[inline(always)]
-                || {
-                    let Fragments { strength, .. } = self.fragments(simd, number, pixels, tile);
-                    if self.is_opacity(number) { strength } else { opacity(simd, strength) }
-                },
-            );
-        }
+    pub(crate) fn are_thin(&self, set: u64) -> bool {
+        set & !self.thin == 0
+    }
+
+    /// The opacity of a whole kernel, one that is thin, at pixels.
+    #[inline(always)]
+    pub(crate) fn thin_alpha<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
         let w = self.weight(simd, number, self.outlines.offsets(simd, number, pixels).exponent);
         let [first, second, third] = self.alpha.each_ref().each(
             #[inline(always)]

@@ -43,10 +43,9 @@ impl Outlines {
         let mut masks = [0; MAX_BLOCKS];
         let least = W::simd_from(simd, 1e-30);
         for first in (0..count).step_by(16) {
-            let read = |column: &Column| W::from_slice(simd, &column[first..first + 16]);
-            let (x, y) = (read(&self.mean[0]), read(&self.mean[1]));
-            let (a, b, c) = (read(&self.root[0]), read(&self.root[1]), read(&self.root[2]));
-            let end = read(&self.end);
+            let [x, y] = sixteen_of(simd, &self.mean, first);
+            let [a, b, c] = sixteen_of(simd, &self.root, first);
+            let end = sixteen(simd, &self.end, first);
             // v = mu ± √((ρ − u²/V_xx)/s); the lowest point over an interval is at its end nearest to the lowest of all.
             let s = b.mul_add(b, c * c);
             let inverse_s = W::simd_from(simd, 1.0) / s;
@@ -62,15 +61,16 @@ impl Outlines {
                 let right = left + (BLOCK_SIDE - 1) as f32;
                 let is_met = left.simd_le(reach) & right.simd_ge(-reach);
                 let (left, right) = (left.max(-reach), right.min(reach));
-                let edge = |lowest: W<S>| {
-                    let u = lowest.max(left).min(right);
-                    let under = ((u * u).mul_add(per_u, end) * inverse_s).max(least);
-                    (u, under * inverse_root(simd, under))
-                };
-                let (u, half) = edge(lowest);
-                let bottom = u.mul_add(m, y) + half + 0.01;
-                let (u, half) = edge(-lowest);
-                let top = u.mul_add(m, y) - half - 0.01;
+                let [(u, half), (u_top, half_top)] = [lowest, -lowest].each(
+                    #[inline(always)]
+                    |lowest| {
+                        let u = lowest.max(left).min(right);
+                        let under = ((u * u).mul_add(per_u, end) * inverse_s).max(least);
+                        (u, under * inverse_root(simd, under) + 0.01)
+                    },
+                );
+                let bottom = u.mul_add(m, y) + half;
+                let top = u_top.mul_add(m, y) - half_top;
                 for row in 0..tile.blocks_a_side() {
                     let from = (row * BLOCK_SIDE) as f32;
                     let to = from + (BLOCK_SIDE - 1) as f32;
@@ -83,6 +83,24 @@ impl Outlines {
         }
         masks
     }
+}
+
+/// The numbers of sixteen records.
+#[inline(always)]
+pub(crate) fn sixteen<S: Simd>(simd: S, column: &Column, first: usize) -> W<S> {
+    W::from_slice(simd, &column[first..first + 16])
+}
+
+/// As [`sixteen`], of some columns.
+#[inline(always)]
+pub(crate) fn sixteen_of<S: Simd, const N: usize>(simd: S, columns: &[Column; N], first: usize) -> [W<S>; N]
+where
+    for<'a> [&'a Column; N]: Each<&'a Column, N>,
+{
+    columns.each_ref().each(
+        #[inline(always)]
+        |column| sixteen(simd, column, first),
+    )
 }
 
 /// Adds a record to the masks of all blocks of a tile that its rectangle touches.

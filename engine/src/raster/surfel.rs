@@ -1,7 +1,7 @@
 //! Surface records to samples with a plane at the pixels of a block.
 
 use super::offsets::{Exact, HALF_LOG2_E, ROOT_HALF_LOG2_E};
-use super::outline::{BATCH, BlockMasks, Column, Outlines, add_rect};
+use super::outline::{BATCH, BlockMasks, Column, Outlines, add_rect, sixteen, sixteen_of};
 use crate::camera::Projection;
 use crate::footprint::{Form, Lens, Record, Rect};
 use crate::simd::*;
@@ -252,25 +252,16 @@ impl Surfels {
         lens: &SurfelLens,
         [nearest, seen_from, farthest]: [&mut Column; 3],
     ) {
-        let constant = |x: f32| W::simd_from(simd, x);
-        let (one, infinity) = (constant(1.0), constant(f32::INFINITY));
+        let infinity = W::simd_from(simd, f32::INFINITY);
+        let one = W::simd_from(simd, 1.0);
         for first in (0..BATCH).step_by(16) {
-            let read = |column: &Column| W::from_slice(simd, &column[first..first + 16]);
-            let x = constant(corner[0] + HALF_BLOCK) - read(&self.outlines.mean[0]);
-            let y = constant(corner[1] + HALF_BLOCK) - read(&self.outlines.mean[1]);
-            let range = |slope: &[Column; 2]| {
-                let slope = [read(&slope[0]), read(&slope[1])];
-                let middle = slope[0].mul_add(x, slope[1] * y);
-                let half = (slope[0].abs() + slope[1].abs()) * HALF_BLOCK;
-                [middle - half, middle + half]
-            };
-            // 1/x of a range; without bounds where it comes near zero.
-            let inverse = |[low, high]: [W<S>; 2]| {
-                let is_positive = low.simd_gt(constant(0.05));
-                [is_positive.select(one / high, -infinity), is_positive.select(one / low, infinity)]
-            };
-            let (depth, sigma_z) = (read(&self.depth), read(&self.sigma_z));
-            let rise = range(&self.depth_slope);
+            let [x, y] = sixteen_of(simd, &self.outlines.mean, first);
+            let middle = [
+                W::simd_from(simd, corner[0] + HALF_BLOCK) - x,
+                W::simd_from(simd, corner[1] + HALF_BLOCK) - y,
+            ];
+            let (depth, sigma_z) = (sixteen(simd, &self.depth, first), sixteen(simd, &self.sigma_z, first));
+            let rise = range(sixteen_of(simd, &self.depth_slope, first), middle);
             let mut seen = [depth + rise[0], depth + rise[1]];
             let mut reach = sigma_z * 3.0;
             let exact = mask32x16::from_bitmask(simd, self.exact >> first);
@@ -278,18 +269,18 @@ impl Surfels {
                 // z is d/t but for den, which is at most t²/(1 − (σ₀/d)²ρ) inside the cut-off.
                 let per_depth = one / depth;
                 let spread = sigma_z * per_depth;
-                let share = (one - spread * spread * lens.cutoff).max(constant(0.0));
-                let inverse_t = inverse([one - rise[1] * per_depth, one - rise[0] * per_depth]);
-                let is_ahead = depth.simd_gt(constant(0.0));
+                let share = (one - spread * spread * lens.cutoff).max(W::simd_from(simd, 0.0));
+                let inverse_t = inverse(simd, [one - rise[1] * per_depth, one - rise[0] * per_depth]);
+                let is_ahead = depth.simd_gt(W::simd_from(simd, 0.0));
                 let low = is_ahead.select(depth * share * inverse_t[0], -infinity);
                 let high = is_ahead.select(depth * inverse_t[1], infinity);
                 seen = [exact.select(low, seen[0]), exact.select(high, seen[1])];
                 reach = exact.select(reach * inverse_t[1], reach);
             }
             // Where the plane is.
-            let tilt = range(&self.tilt);
+            let tilt = range(sixteen_of(simd, &self.tilt, first), middle);
             let plane = if lens.is_perspective {
-                depth * inverse([one + tilt[0], one + tilt[1]])[0]
+                depth * inverse(simd, [one + tilt[0], one + tilt[1]])[0]
             } else {
                 depth - tilt[1]
             };
@@ -304,4 +295,20 @@ impl Surfels {
             seen[1].simd_lt(infinity).select(seen[1], infinity).store_slice(&mut farthest[first..first + 16]);
         }
     }
+}
+
+/// The range over a block of what changes with a slope a pixel, `middle` pixels from where it is 0.
+#[inline(always)]
+fn range<S: Simd>(slope: [W<S>; 2], middle: [W<S>; 2]) -> [W<S>; 2] {
+    let middle = slope[0].mul_add(middle[0], slope[1] * middle[1]);
+    let half = (slope[0].abs() + slope[1].abs()) * HALF_BLOCK;
+    [middle - half, middle + half]
+}
+
+/// 1/x of a range; without bounds where it comes near zero.
+#[inline(always)]
+fn inverse<S: Simd>(simd: S, [low, high]: [W<S>; 2]) -> [W<S>; 2] {
+    let (one, infinity) = (W::simd_from(simd, 1.0), W::simd_from(simd, f32::INFINITY));
+    let is_positive = low.simd_gt(W::simd_from(simd, 0.05));
+    [is_positive.select(one / high, -infinity), is_positive.select(one / low, infinity)]
 }
