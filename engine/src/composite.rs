@@ -5,7 +5,7 @@
 
 use crate::cuts::Cuts;
 use crate::footprint::{Record, Rect};
-use crate::raster::{BATCH, Fragments, KernelLens, Kernels, Places, REACH};
+use crate::raster::{BATCH, Fragments, KernelLens, Kernels, REACH};
 use crate::simd::*;
 use crate::tile::{MAX_BLOCKS, PIXELS, Plane, Tile, pixels};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -25,20 +25,6 @@ pub(crate) struct Seen {
 impl Seen {
     /// Nothing there.
     pub(crate) const CLEAR: Self = Self { color: [Plane::ZERO; 3], opacity: Plane::ZERO, depth: Plane::ZERO };
-}
-
-impl Seen {
-    /// (C, T)∘(C', T') = (C + T·C', T·T'); gives T·α.
-    #[inline(always)]
-    fn blend<S: Simd>(&mut self, simd: S, alpha: W<S>, color: [f32; 3]) -> W<S> {
-        let opacity = self.opacity.load(simd);
-        let shown = (-opacity).mul_add(alpha, alpha);
-        self.opacity.store(opacity + shown);
-        for (plane, own) in self.color.iter_mut().zip(color) {
-            plane.add_product(simd, shown, W::simd_from(simd, own));
-        }
-        shown
-    }
 }
 
 /// The runs of a tile: for each segment between cuts, near to far, its blocks.
@@ -97,6 +83,15 @@ impl Here {
     }
 }
 
+/// Batches that are fetched before their kernels are added: a block's pixels come into registers once for all.
+const GROUP: usize = 4;
+
+/// Buffers of one thread.
+#[derive(Default)]
+pub(crate) struct KernelBuffers {
+    batches: Vec<Kernels>,
+}
+
 impl Compositor<'_> {
     /// Clears the runs and adds the records of a tile's list, which come from near to far. Gives the number of
     /// pixels that were evaluated.
@@ -106,25 +101,32 @@ impl Compositor<'_> {
         simd: S,
         (tile, list): (Tile, &[AtomicU32]),
         cuts: &Cuts,
-        (kernels, runs): (&mut Kernels, &mut Runs),
+        (buffers, runs): (&mut KernelBuffers, &mut Runs),
     ) -> u64 {
         runs.clear(simd, tile, cuts.segments());
+        buffers.batches.resize_with(GROUP, || Kernels::NONE);
         let mut open: u64 = tile.visible_blocks().map(|block| 1 << block).sum();
         let mut count = 0;
-        for list in list.chunks(BATCH) {
-            let places = apart(
-                simd,
-                #[inline(always)]
-                || self.fetch(simd, (tile, list), cuts, kernels),
-            );
+        for list in list.chunks(GROUP * BATCH) {
+            let batches = &mut buffers.batches[..list.len().div_ceil(BATCH)];
+            for (list, kernels) in list.chunks(BATCH).zip(batches.iter_mut()) {
+                apart(
+                    simd,
+                    #[inline(always)]
+                    || self.fetch(simd, (tile, list), cuts, kernels),
+                );
+            }
             let mut blocks = open;
             while blocks != 0 {
-                let block = blocks.trailing_zeros() as usize % MAX_BLOCKS;
+                let here = Here { tile, block: blocks.trailing_zeros() as usize % MAX_BLOCKS };
                 blocks &= blocks - 1;
-                let (added, is_open) =
-                    self.add_batch(simd, Here { tile, block }, (cuts, kernels, &places), runs);
+                let (added, is_open) = if self.keeps_depth {
+                    self.add_group::<S, true>(simd, here, (cuts, batches), runs)
+                } else {
+                    self.add_group::<S, false>(simd, here, (cuts, batches), runs)
+                };
                 count += u64::from(added);
-                open &= !(u64::from(!is_open) << block);
+                open &= !(u64::from(!is_open) << here.block);
             }
             if open == 0 {
                 break;
@@ -133,7 +135,7 @@ impl Compositor<'_> {
         count * PIXELS as u64
     }
 
-    /// Brings records together; says which are hidden in the whole tile, and which lie wholly behind the near plane.
+    /// Brings records together.
     #[inline(always)]
     fn fetch<S: Simd>(
         &self,
@@ -141,160 +143,178 @@ impl Compositor<'_> {
         (tile, list): (Tile, &[AtomicU32]),
         cuts: &Cuts,
         kernels: &mut Kernels,
-    ) -> Places {
+    ) {
         let index = |number: usize| list[number].load(Ordering::Relaxed) as usize;
         let records = (0..list.len()).map(
             #[inline(always)]
             |number| &self.records[index(number)],
         );
         kernels.fill(simd, (tile, &self.lens), records, |number| &self.rects[index(number)]);
-        kernels.places(simd, [self.near, cuts.hidden()])
+        kernels.place(simd, [self.near, cuts.hidden()]);
     }
 
-    /// Adds a batch to the runs of a block; gives the number of kernels, and whether the block still sees anything.
+    /// Adds batches to the runs of a block; gives the number of kernels, and whether the block still sees anything.
     #[inline(always)]
-    fn add_batch<S: Simd>(
+    fn add_group<S: Simd, const DEPTH: bool>(
         &self,
         simd: S,
         here: Here,
-        (cuts, kernels, places): (&Cuts, &Kernels, &Places),
+        (cuts, batches): (&Cuts, &[Kernels]),
         runs: &mut Runs,
     ) -> (u32, bool) {
-        let mut todo = kernels.masks[here.block] & !places.hidden;
-        if todo == 0 {
-            return (0, true);
-        }
         let own_cuts = cuts.block(here.block);
-        let mut whole = places.whole;
-        if own_cuts.layers > 0 {
-            let limits = [self.near, own_cuts.nearest, own_cuts.hidden];
-            let places = apart(
-                simd,
-                #[inline(always)]
-                || kernels.places_in(simd, here.tile.corner_pixel(here.block), limits),
-            );
-            (todo, whole) = (todo & !places.hidden, places.whole);
+        let (mut count, mut is_open) = (0, true);
+        let mut seen = Seeing::load(simd, &runs.segments[0][here.block]);
+        for kernels in batches {
+            let mut todo = kernels.masks[here.block];
+            let mut plain = kernels.plain;
+            if todo != 0 && own_cuts.layers > 0 {
+                let limits = [self.near, own_cuts.nearest, own_cuts.hidden];
+                let places = apart(
+                    simd,
+                    #[inline(always)]
+                    || kernels.places_in(simd, here.tile.corner_pixel(here.block), limits),
+                );
+                (todo, plain) = (todo & !places.hidden, plain & places.whole);
+            }
+            count += todo.count_ones();
+            if todo & !plain == 0 {
+                seen.add::<DEPTH>(simd, here, (kernels, todo));
+            } else {
+                seen.store(&mut runs.segments[0][here.block]);
+                apart(
+                    simd,
+                    #[inline(always)]
+                    || {
+                        let batch = (kernels, todo, todo & !plain);
+                        self.add_mixed::<S, DEPTH>(simd, here, batch, (cuts, runs));
+                    },
+                );
+                seen = Seeing::load(simd, &runs.segments[0][here.block]);
+            }
+            is_open = seen.opacity.simd_lt(W::simd_from(simd, 1.0 - self.spent)).any_true();
+            if !is_open {
+                break;
+            }
         }
-        // Those that the near plane or a cut may go through.
-        let mut between = todo & !whole;
-        let count = todo.count_ones();
-        loop {
-            let next = before(todo, between);
+        seen.store(&mut runs.segments[0][here.block]);
+        (count, is_open)
+    }
+
+    /// Adds kernels of which some are not plain, in their order.
+    #[inline(always)]
+    fn add_mixed<S: Simd, const DEPTH: bool>(
+        &self,
+        simd: S,
+        here: Here,
+        (kernels, mut todo, mut special): (&Kernels, u64, u64),
+        (cuts, runs): (&Cuts, &mut Runs),
+    ) {
+        while todo != 0 {
+            let next = before(todo, special);
             todo ^= next;
-            let is_open = self.plain(simd, here, (kernels, next), &mut runs.segments[0][here.block]);
-            if todo == 0 || !is_open {
-                return (count, is_open);
+            if next != 0 {
+                let first_run = &mut runs.segments[0][here.block];
+                let mut seen = Seeing::load(simd, first_run);
+                seen.add::<DEPTH>(simd, here, (kernels, next));
+                seen.store(first_run);
             }
-            let number = between.trailing_zeros() as usize % BATCH;
-            (todo, between) = (todo & (todo - 1), between & (between - 1));
-            self.shared(simd, here, (kernels, number), (cuts, own_cuts.segments, runs));
-        }
-    }
-
-    /// Adds whole kernels to one run; says whether something is still seen through it.
-    #[inline(always)]
-    fn plain<S: Simd>(&self, simd: S, here: Here, (kernels, set): (&Kernels, u64), seen: &mut Seen) -> bool {
-        if self.keeps_depth || !kernels.are_thin(set) {
-            apart(
-                simd,
-                #[inline(always)]
-                || self.any_kernels(simd, here, (kernels, set), seen),
-            );
-        } else {
-            thin_kernels(simd, here, (kernels, set), seen);
-        }
-        seen.opacity.load(simd).simd_lt(W::simd_from(simd, 1.0 - self.spent)).any_true()
-    }
-
-    /// Adds kernels of any kind and form to one run.
-    #[inline(always)]
-    fn any_kernels<S: Simd>(&self, simd: S, here: Here, (kernels, set): (&Kernels, u64), seen: &mut Seen) {
-        let pixels = here.pixels(simd);
-        for number in numbers(set) {
-            let Fragments { strength, depth, .. } =
-                kernels.fragments(simd, number, pixels, (here.tile, &self.lens));
-            let alpha = if kernels.is_opacity(number) { strength } else { opacity(simd, strength) };
-            let shown = seen.blend(simd, alpha, kernels.color(number));
-            if self.keeps_depth {
-                seen.depth.add_product(simd, depth, shown);
+            if special != 0 {
+                let number = special.trailing_zeros() as usize % BATCH;
+                (todo, special) = (todo & (todo - 1), special & (special - 1));
+                self.add_shares(simd, here, (kernels, number), (cuts, runs));
             }
         }
     }
 
-    /// Shares a kernel out between the runs of a block:
+    /// Shares a kernel of any kind and form out between the runs of a block:
     /// share_j = Φ((z_{j+1} − z)/σ_z) − Φ((z_j − z)/σ_z).
     #[inline(always)]
-    fn shared<S: Simd>(
+    fn add_shares<S: Simd>(
         &self,
         simd: S,
         here: Here,
         (kernels, number): (&Kernels, usize),
-        (cuts, segments, runs): (&Cuts, usize, &mut Runs),
+        (cuts, runs): (&Cuts, &mut Runs),
     ) {
-        apart(
-            simd,
-            #[inline(always)]
-            || {
-                let Fragments { strength, depth, sigma_z } =
-                    kernels.fragments(simd, number, here.pixels(simd), (here.tile, &self.lens));
-                let color = kernels.color(number);
-                let is_opacity = kernels.is_opacity(number);
-                let tau = if is_opacity { optical_depth(simd, strength) } else { strength };
-                let inverse = W::simd_from(simd, 1.0) / sigma_z.max(W::simd_from(simd, 1e-20));
-                let mut from = W::simd_from(simd, self.near);
-                let mut before_from = share_before(simd, (from - depth) * inverse);
-                for (segment, blocks) in runs.segments[..segments].iter_mut().enumerate() {
-                    let seen = &mut blocks[here.block];
-                    let to = cuts.depth(segment, here.block).load(simd);
-                    let before_to = share_before(simd, (to - depth) * inverse);
-                    let share = (before_to - before_from).max(W::simd_from(simd, 0.0));
-                    let alpha = kernels.opacity(simd, number, tau * share);
-                    let shown = seen.blend(simd, alpha, color);
-                    if self.keeps_depth {
-                        seen.depth.add_product(simd, shown, depth.max(from).min(to));
-                    }
-                    (from, before_from) = (to, before_to);
-                }
-            },
-        );
+        let Fragments { strength, depth, sigma_z } =
+            kernels.fragments(simd, number, here.pixels(simd), (here.tile, &self.lens));
+        let color = kernels.color(number);
+        let is_opacity = kernels.is_opacity(number);
+        let tau = if is_opacity { optical_depth(simd, strength) } else { strength };
+        let inverse = W::simd_from(simd, 1.0) / sigma_z.max(W::simd_from(simd, 1e-20));
+        let mut from = W::simd_from(simd, self.near);
+        let mut before_from = share_before(simd, (from - depth) * inverse);
+        let segments = cuts.block(here.block).segments;
+        for (segment, blocks) in runs.segments[..segments].iter_mut().enumerate() {
+            let seen = &mut blocks[here.block];
+            let to = cuts.depth(segment, here.block).load(simd);
+            let before_to = share_before(simd, (to - depth) * inverse);
+            let share = (before_to - before_from).max(W::simd_from(simd, 0.0));
+            let alpha = kernels.opacity(simd, number, tau * share);
+            let mut open = Seeing::load(simd, seen);
+            let shown = open.blend(simd, alpha, color);
+            open.store(seen);
+            if self.keeps_depth {
+                seen.depth.add_product(simd, shown, depth.max(from).min(to));
+            }
+            (from, before_from) = (to, before_to);
+        }
     }
 }
 
-/// Adds thin kernels to one run. What is seen stays in registers meanwhile.
-#[inline(always)]
-fn thin_kernels<S: Simd>(simd: S, here: Here, (kernels, set): (&Kernels, u64), seen: &mut Seen) {
-    let mut opacity = seen.opacity.load(simd);
-    let [mut red, mut green, mut blue] = seen.color.each_ref().each(
-        #[inline(always)]
-        |plane| plane.load(simd),
-    );
-    let pixels = here.pixels(simd);
-    for number in numbers(set) {
-        let alpha = kernels.thin_alpha(simd, number, pixels);
-        let shown = (-opacity).mul_add(alpha, alpha);
-        opacity += shown;
-        let color: [W<S>; 3] = splat3(simd, kernels.color(number));
-        red = shown.mul_add(color[0], red);
-        green = shown.mul_add(color[1], green);
-        blue = shown.mul_add(color[2], blue);
-    }
-    seen.opacity.store(opacity);
-    for (color, plane) in [red, green, blue].into_iter().zip(&mut seen.color) {
-        plane.store(color);
-    }
+/// [`Seen`] in registers.
+struct Seeing<S: Simd> {
+    opacity: W<S>,
+    color: [W<S>; 3],
+    depth: W<S>,
 }
 
-/// The numbers of a set's bits.
-#[inline(always)]
-fn numbers(mut set: u64) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(
-        #[inline(always)]
-        move || {
-            let number = (set != 0).then_some(set.trailing_zeros() as usize % BATCH)?;
+impl<S: Simd> Seeing<S> {
+    #[inline(always)]
+    fn load(simd: S, seen: &Seen) -> Self {
+        let Seen { opacity, color: [red, green, blue], depth } = seen;
+        Self {
+            opacity: opacity.load(simd),
+            color: [red.load(simd), green.load(simd), blue.load(simd)],
+            depth: depth.load(simd),
+        }
+    }
+
+    #[inline(always)]
+    fn store(&self, seen: &mut Seen) {
+        seen.opacity.store(self.opacity);
+        for (plane, color) in seen.color.iter_mut().zip(self.color) {
+            plane.store(color);
+        }
+        seen.depth.store(self.depth);
+    }
+
+    /// (C, T)∘(C', T') = (C + T·C', T·T'); gives T·α.
+    #[inline(always)]
+    fn blend(&mut self, simd: S, alpha: W<S>, color: [f32; 3]) -> W<S> {
+        let shown = (-self.opacity).mul_add(alpha, alpha);
+        self.opacity += shown;
+        for (sum, own) in self.color.iter_mut().zip(color) {
+            *sum = shown.mul_add(W::simd_from(simd, own), *sum);
+        }
+        shown
+    }
+
+    /// Adds thin kernels.
+    #[inline(always)]
+    fn add<const DEPTH: bool>(&mut self, simd: S, here: Here, (kernels, mut set): (&Kernels, u64)) {
+        let pixels = here.pixels(simd);
+        while set != 0 {
+            let number = set.trailing_zeros() as usize % BATCH;
             set &= set - 1;
-            Some(number)
-        },
-    )
+            let alpha = kernels.thin_alpha(simd, number, pixels);
+            let shown = self.blend(simd, alpha, kernels.color(number));
+            if DEPTH {
+                self.depth = shown.mul_add(kernels.affine_depth(simd, number, pixels), self.depth);
+            }
+        }
+    }
 }
 
 /// The bits of a set below the lowest of another one.

@@ -2,7 +2,7 @@
 
 use crate::bin::TileLists;
 use crate::camera::Camera;
-use crate::composite::{Compositor, Runs};
+use crate::composite::{Compositor, KernelBuffers, Runs};
 use crate::cull::{VisibleRange, find_visible};
 use crate::cuts::Cuts;
 use crate::footprint::{Lens, Records, SceneView};
@@ -10,7 +10,7 @@ use crate::frame::{Channels, Frame, FrameRows};
 use crate::layers::{LayerBuffers, LayerBuilder, depth_tolerances};
 use crate::observer::{Counts, Observer, Stage};
 use crate::order::{Sorter, gather};
-use crate::raster::{KernelLens, Kernels, SurfelLens};
+use crate::raster::{KernelLens, SurfelLens};
 use crate::resolve::Resolver;
 use crate::scene::{RenderSettings, Scene};
 use crate::shade::Shader;
@@ -63,7 +63,7 @@ struct Drawn {
 struct TileBuffers {
     layers: LayerBuffers,
     cuts: Cuts,
-    kernels: Kernels,
+    kernels: KernelBuffers,
     runs: Runs,
 }
 
@@ -250,7 +250,12 @@ fn watched<T>(observer: &dyn Observer, stage: Stage, run: impl FnOnce() -> T) ->
 
 impl TileBuffers {
     fn new() -> Self {
-        Self { layers: LayerBuffers::default(), cuts: Cuts::new(), kernels: Kernels::NONE, runs: Runs::new() }
+        Self {
+            layers: LayerBuffers::default(),
+            cuts: Cuts::new(),
+            kernels: KernelBuffers::default(),
+            runs: Runs::new(),
+        }
     }
 }
 

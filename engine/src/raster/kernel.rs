@@ -44,6 +44,8 @@ pub(crate) struct Kernels {
     /// Those of kind `Opacity`.
     opacities: u64,
     exact: u64,
+    /// Those that are thin and lie wholly behind the near plane.
+    pub(crate) plain: u64,
     /// Those that each block needs.
     pub(crate) masks: BlockMasks,
 }
@@ -78,6 +80,7 @@ impl Kernels {
         thin: 0,
         opacities: 0,
         exact: 0,
+        plain: 0,
         masks: [0; MAX_BLOCKS],
     };
 
@@ -166,16 +169,19 @@ impl Kernels {
         reach.store_slice(&mut self.reach[range]);
     }
 
-    /// Sets of records by where they are in the whole picture: hidden behind a depth, wholly behind another one.
+    /// Finds which records are plain, given the near plane, and leaves out those that lie behind a depth.
     #[inline(always)]
-    pub(crate) fn places<S: Simd>(&self, simd: S, [near, hidden]: [f32; 2]) -> Places {
-        let mut places = Places { hidden: 0, whole: 0 };
+    pub(crate) fn place<S: Simd>(&mut self, simd: S, [near, hidden]: [f32; 2]) {
+        let (mut behind, mut whole) = (0, 0);
         for first in (0..BATCH).step_by(16) {
             let nearest = sixteen(simd, &self.depth, first) - sixteen(simd, &self.reach, first);
-            places.hidden |= nearest.simd_gt(W::simd_from(simd, hidden)).to_bitmask() << first;
-            places.whole |= nearest.simd_gt(W::simd_from(simd, near)).to_bitmask() << first;
+            behind |= nearest.simd_gt(W::simd_from(simd, hidden)).to_bitmask() << first;
+            whole |= nearest.simd_gt(W::simd_from(simd, near)).to_bitmask() << first;
         }
-        places
+        self.plain = self.thin & whole;
+        for mask in &mut self.masks {
+            *mask &= !behind;
+        }
     }
 
     /// Sets of records by where they are in the block with a corner: hidden behind a depth, wholly between two others.
@@ -226,17 +232,11 @@ impl Kernels {
     /// The opacity of a share of a kernel, of an optical depth.
     #[inline(always)]
     pub(crate) fn opacity<S: Simd>(&self, simd: S, number: usize, optical_depth: W<S>) -> W<S> {
-        if self.are_thin(1 << number) && !self.is_opacity(number) {
+        if self.thin >> number & 1 != 0 && !self.is_opacity(number) {
             optical_depth * polynomial(simd, optical_depth, THIN)
         } else {
             opacity(simd, optical_depth)
         }
-    }
-
-    /// Whether the opacities of all of a set are the polynomial.
-    #[inline(always)]
-    pub(crate) fn are_thin(&self, set: u64) -> bool {
-        set & !self.thin == 0
     }
 
     /// The opacity of a whole kernel, one that is thin, at pixels.
@@ -248,6 +248,13 @@ impl Kernels {
             |column| W::simd_from(simd, column[number]),
         );
         w * w.mul_add(w.mul_add(third, second), first)
+    }
+
+    /// z of a kernel in the affine form at pixels.
+    #[inline(always)]
+    pub(crate) fn affine_depth<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
+        let slope = [self.depth_slope[0][number], self.depth_slope[1][number]];
+        self.outlines.offsets(simd, number, pixels).linear(simd, self.depth[number], slope)
     }
 
     /// Strength, z and σ_z at pixels.
@@ -265,7 +272,7 @@ impl Kernels {
         if self.exact >> number & 1 == 0 {
             return Fragments {
                 strength: self.weight(simd, number, offsets.exponent) * amplitude,
-                depth: offsets.linear(simd, depth, slope),
+                depth: self.affine_depth(simd, number, pixels),
                 sigma_z: W::simd_from(simd, sigma_z),
             };
         }

@@ -8,6 +8,6 @@ mod offsets;
 mod outline;
 mod surfel;
 
-pub(crate) use kernel::{Fragments, KernelLens, Kernels, Places, REACH};
+pub(crate) use kernel::{Fragments, KernelLens, Kernels, REACH};
 pub(crate) use outline::BATCH;
 pub(crate) use surfel::{SurfelLens, Surfels};
