@@ -167,7 +167,7 @@ impl Compositor<'_> {
         let mut seen = Seeing::load(simd, &runs.segments[0][here.block]);
         for kernels in batches {
             let mut todo = kernels.masks[here.block];
-            let mut plain = kernels.plain;
+            let mut whole = kernels.whole;
             if todo != 0 && own_cuts.layers > 0 {
                 let limits = [self.near, own_cuts.nearest, own_cuts.hidden];
                 let places = apart(
@@ -175,10 +175,10 @@ impl Compositor<'_> {
                     #[inline(always)]
                     || kernels.places_in(simd, here.tile.corner_pixel(here.block), limits),
                 );
-                (todo, plain) = (todo & !places.hidden, plain & places.whole);
+                (todo, whole) = (todo & !places.hidden, places.whole);
             }
             count += todo.count_ones();
-            if todo & !plain == 0 {
+            if todo & !(whole & kernels.plain) == 0 {
                 seen.add::<DEPTH>(simd, here, (kernels, todo));
             } else {
                 seen.store(&mut runs.segments[0][here.block]);
@@ -186,7 +186,7 @@ impl Compositor<'_> {
                     simd,
                     #[inline(always)]
                     || {
-                        let batch = (kernels, todo, todo & !plain);
+                        let batch = (kernels, todo, whole);
                         self.add_mixed::<S, DEPTH>(simd, here, batch, (cuts, runs));
                     },
                 );
@@ -201,29 +201,38 @@ impl Compositor<'_> {
         (count, is_open)
     }
 
-    /// Adds kernels of which some are not plain, in their order.
+    /// Adds kernels of which some are not plain, or not whole, in their order.
     #[inline(always)]
     fn add_mixed<S: Simd, const DEPTH: bool>(
         &self,
         simd: S,
         here: Here,
-        (kernels, mut todo, mut special): (&Kernels, u64, u64),
+        (kernels, mut todo, whole): (&Kernels, u64, u64),
         (cuts, runs): (&Cuts, &mut Runs),
     ) {
+        let pixels = here.pixels(simd);
         while todo != 0 {
-            let next = before(todo, special);
+            let next = before(todo, todo & !(whole & kernels.plain));
             todo ^= next;
-            if next != 0 {
-                let first_run = &mut runs.segments[0][here.block];
-                let mut seen = Seeing::load(simd, first_run);
-                seen.add::<DEPTH>(simd, here, (kernels, next));
-                seen.store(first_run);
+            let first_run = &mut runs.segments[0][here.block];
+            let mut seen = Seeing::load(simd, first_run);
+            seen.add::<DEPTH>(simd, here, (kernels, next));
+            if todo != 0 {
+                let number = todo.trailing_zeros() as usize % BATCH;
+                todo &= todo - 1;
+                if whole >> number & 1 != 0 {
+                    let alpha = kernels.alpha(simd, number, pixels, (here.tile, &self.lens));
+                    let shown = seen.blend(simd, alpha, kernels.color(number));
+                    if DEPTH {
+                        seen.depth = shown.mul_add(kernels.depth_at(simd, number, pixels), seen.depth);
+                    }
+                } else {
+                    seen.store(first_run);
+                    self.add_shares(simd, here, (kernels, number), (cuts, runs));
+                    continue;
+                }
             }
-            if special != 0 {
-                let number = special.trailing_zeros() as usize % BATCH;
-                (todo, special) = (todo & (todo - 1), special & (special - 1));
-                self.add_shares(simd, here, (kernels, number), (cuts, runs));
-            }
+            seen.store(first_run);
         }
     }
 
@@ -301,17 +310,17 @@ impl<S: Simd> Seeing<S> {
         shown
     }
 
-    /// Adds thin kernels.
+    /// Adds plain kernels.
     #[inline(always)]
     fn add<const DEPTH: bool>(&mut self, simd: S, here: Here, (kernels, mut set): (&Kernels, u64)) {
         let pixels = here.pixels(simd);
         while set != 0 {
             let number = set.trailing_zeros() as usize % BATCH;
             set &= set - 1;
-            let alpha = kernels.thin_alpha(simd, number, pixels);
+            let alpha = kernels.plain_alpha(simd, number, pixels);
             let shown = self.blend(simd, alpha, kernels.color(number));
             if DEPTH {
-                self.depth = shown.mul_add(kernels.affine_depth(simd, number, pixels), self.depth);
+                self.depth = shown.mul_add(kernels.depth_at(simd, number, pixels), self.depth);
             }
         }
     }

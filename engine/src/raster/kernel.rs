@@ -29,7 +29,7 @@ pub(crate) struct KernelLens {
 #[repr(C, align(64))]
 pub(crate) struct Kernels {
     outlines: Outlines,
-    /// α as a polynomial of w = e^{−r/2} without constant term, where a kernel is thin.
+    /// α as a polynomial of w = e^{−r/2} without constant term, where a kernel is plain.
     alpha: [Column; 3],
     color: [Column; 3],
     amplitude: Column,
@@ -39,13 +39,13 @@ pub(crate) struct Kernels {
     /// How far they reach along z from their centres, anywhere in the picture: to the end of their ellipsoids, and
     /// [`REACH`] σ_z.
     reach: Column,
-    /// Those whose opacities are the polynomial.
-    thin: u64,
+    /// Those whose opacities are the polynomial; of optical depths only in the affine form, where they have a peak.
+    pub(crate) plain: u64,
     /// Those of kind `Opacity`.
     opacities: u64,
     exact: u64,
-    /// Those that are thin and lie wholly behind the near plane.
-    pub(crate) plain: u64,
+    /// Those that lie wholly behind the near plane.
+    pub(crate) whole: u64,
     /// Those that each block needs.
     pub(crate) masks: BlockMasks,
 }
@@ -77,10 +77,10 @@ impl Kernels {
         depth_slope: [[0.0; BATCH]; 2],
         sigma_z: [0.0; BATCH],
         reach: [0.0; BATCH],
-        thin: 0,
+        plain: 0,
         opacities: 0,
         exact: 0,
-        plain: 0,
+        whole: 0,
         masks: [0; MAX_BLOCKS],
     };
 
@@ -112,7 +112,7 @@ impl Kernels {
             exact |= u64::from(record.tag.form == Form::Exact) << number;
             count = number + 1;
         }
-        (self.opacities, self.exact, self.thin) = (opacities, exact, 0);
+        (self.opacities, self.exact, self.plain) = (opacities, exact, 0);
         for first in (0..count).step_by(16) {
             self.prepare(simd, tile, lens, first);
         }
@@ -154,8 +154,8 @@ impl Kernels {
         for (column, thin) in self.alpha.iter_mut().zip(thin) {
             thin.store_slice(&mut column[range.clone()]);
         }
-        let is_thin = (opacity | amplitude.simd_le(W::simd_from(simd, THIN_PEAK))) & !exact;
-        self.thin |= is_thin.to_bitmask() << first;
+        let is_plain = opacity | (amplitude.simd_le(W::simd_from(simd, THIN_PEAK)) & !exact);
+        self.plain |= is_plain.to_bitmask() << first;
         // An opacity that is not seen at all was dropped: the logarithm is positive.
         let end = W::simd_from(simd, lens.cutoff * HALF_LOG2_E);
         let least = W::simd_from(simd, lens.least_alpha.max(f32::MIN_POSITIVE));
@@ -169,7 +169,7 @@ impl Kernels {
         reach.store_slice(&mut self.reach[range]);
     }
 
-    /// Finds which records are plain, given the near plane, and leaves out those that lie behind a depth.
+    /// Finds which records lie wholly behind the near plane, and leaves out those that lie behind a depth.
     #[inline(always)]
     pub(crate) fn place<S: Simd>(&mut self, simd: S, [near, hidden]: [f32; 2]) {
         let (mut behind, mut whole) = (0, 0);
@@ -178,7 +178,7 @@ impl Kernels {
             behind |= nearest.simd_gt(W::simd_from(simd, hidden)).to_bitmask() << first;
             whole |= nearest.simd_gt(W::simd_from(simd, near)).to_bitmask() << first;
         }
-        self.plain = self.thin & whole;
+        self.whole = whole;
         for mask in &mut self.masks {
             *mask &= !behind;
         }
@@ -223,26 +223,51 @@ impl Kernels {
         [self.color[0][number], self.color[1][number], self.color[2][number]]
     }
 
+    /// Depth, its slope and σ₀.
+    #[inline(always)]
+    fn plane(&self, number: usize) -> (f32, [f32; 2], f32) {
+        (self.depth[number], [self.depth_slope[0][number], self.depth_slope[1][number]], self.sigma_z[number])
+    }
+
     /// Whether strengths are opacities.
     #[inline(always)]
     pub(crate) fn is_opacity(&self, number: usize) -> bool {
         self.opacities >> number & 1 != 0
     }
 
+    /// The opacity of a whole kernel at pixels.
+    #[inline(always)]
+    pub(crate) fn alpha<S: Simd>(
+        &self,
+        simd: S,
+        number: usize,
+        pixels: [W<S>; 2],
+        tile: (Tile, &KernelLens),
+    ) -> W<S> {
+        let Fragments { strength, .. } = self.fragments(simd, number, pixels, tile);
+        if self.is_opacity(number) { strength } else { opacity(simd, strength) }
+    }
+
     /// The opacity of a share of a kernel, of an optical depth.
     #[inline(always)]
     pub(crate) fn opacity<S: Simd>(&self, simd: S, number: usize, optical_depth: W<S>) -> W<S> {
-        if self.thin >> number & 1 != 0 && !self.is_opacity(number) {
+        if self.plain >> number & 1 != 0 && !self.is_opacity(number) {
             optical_depth * polynomial(simd, optical_depth, THIN)
         } else {
             opacity(simd, optical_depth)
         }
     }
 
-    /// The opacity of a whole kernel, one that is thin, at pixels.
+    /// The opacity of a whole kernel, one that is plain, at pixels.
     #[inline(always)]
-    pub(crate) fn thin_alpha<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
-        let w = self.weight(simd, number, self.outlines.offsets(simd, number, pixels).exponent);
+    pub(crate) fn plain_alpha<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
+        let offsets = self.outlines.offsets(simd, number, pixels);
+        let exponent = if self.exact >> number & 1 == 0 {
+            offsets.exponent
+        } else {
+            Exact::new(simd, &offsets, self.plane(number)).exponent
+        };
+        let w = self.weight(simd, number, exponent);
         let [first, second, third] = self.alpha.each_ref().each(
             #[inline(always)]
             |column| W::simd_from(simd, column[number]),
@@ -250,11 +275,16 @@ impl Kernels {
         w * w.mul_add(w.mul_add(third, second), first)
     }
 
-    /// z of a kernel in the affine form at pixels.
+    /// z at pixels.
     #[inline(always)]
-    pub(crate) fn affine_depth<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
-        let slope = [self.depth_slope[0][number], self.depth_slope[1][number]];
-        self.outlines.offsets(simd, number, pixels).linear(simd, self.depth[number], slope)
+    pub(crate) fn depth_at<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
+        let offsets = self.outlines.offsets(simd, number, pixels);
+        if self.exact >> number & 1 == 0 {
+            let (depth, slope, _) = self.plane(number);
+            offsets.linear(simd, depth, slope)
+        } else {
+            Exact::new(simd, &offsets, self.plane(number)).depth
+        }
     }
 
     /// Strength, z and σ_z at pixels.
@@ -267,16 +297,15 @@ impl Kernels {
         (tile, lens): (Tile, &KernelLens),
     ) -> Fragments<S> {
         let offsets = self.outlines.offsets(simd, number, pixels);
-        let (depth, amplitude, sigma_z) = (self.depth[number], self.amplitude[number], self.sigma_z[number]);
-        let slope = [self.depth_slope[0][number], self.depth_slope[1][number]];
+        let (amplitude, sigma_z) = (self.amplitude[number], self.sigma_z[number]);
         if self.exact >> number & 1 == 0 {
             return Fragments {
                 strength: self.weight(simd, number, offsets.exponent) * amplitude,
-                depth: self.affine_depth(simd, number, pixels),
+                depth: self.depth_at(simd, number, pixels),
                 sigma_z: W::simd_from(simd, sigma_z),
             };
         }
-        let Exact { exponent, depth, den } = Exact::new(simd, &offsets, (depth, slope, sigma_z));
+        let Exact { exponent, depth, den } = Exact::new(simd, &offsets, self.plane(number));
         let scale = inverse_root(simd, den);
         let mut strength = self.weight(simd, number, exponent) * amplitude;
         if !self.is_opacity(number) {

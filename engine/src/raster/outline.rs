@@ -42,6 +42,7 @@ impl Outlines {
     pub(crate) fn meet<S: Simd>(&self, simd: S, tile: Tile, count: usize) -> BlockMasks {
         let mut masks = [0; MAX_BLOCKS];
         let least = W::simd_from(simd, 1e-30);
+        let (zero, last) = (W::simd_from(simd, 0.0), W::simd_from(simd, (BLOCK_SIDE - 1) as f32));
         for first in (0..count).step_by(16) {
             let [x, y] = sixteen_of(simd, &self.mean, first);
             let [a, b, c] = sixteen_of(simd, &self.root, first);
@@ -60,6 +61,9 @@ impl Outlines {
                 let left = W::simd_from(simd, (column * BLOCK_SIDE) as f32) - x;
                 let right = left + (BLOCK_SIDE - 1) as f32;
                 let is_met = left.simd_le(reach) & right.simd_ge(-reach);
+                if !is_met.any_true() {
+                    continue;
+                }
                 let (left, right) = (left.max(-reach), right.min(reach));
                 let [(u, half), (u_top, half_top)] = [lowest, -lowest].each(
                     #[inline(always)]
@@ -69,15 +73,13 @@ impl Outlines {
                         (u, under * inverse_root(simd, under) + 0.01)
                     },
                 );
-                let bottom = u.mul_add(m, y) + half;
-                let top = u_top.mul_add(m, y) - half_top;
-                for row in 0..tile.blocks_a_side() {
-                    let from = (row * BLOCK_SIDE) as f32;
-                    let to = from + (BLOCK_SIDE - 1) as f32;
-                    let met = is_met
-                        & bottom.simd_ge(W::simd_from(simd, from))
-                        & top.simd_le(W::simd_from(simd, to));
-                    masks[column * tile.blocks_a_side() + row] |= met.to_bitmask() << first;
+                // From the first row of blocks, then from the next.
+                let (mut bottom, mut top) = (u.mul_add(m, y) + half, u_top.mul_add(m, y) - half_top);
+                let rows = column * tile.blocks_a_side()..(column + 1) * tile.blocks_a_side();
+                for mask in &mut masks[rows] {
+                    let met = is_met & bottom.simd_ge(zero) & top.simd_le(last);
+                    *mask |= met.to_bitmask() << first;
+                    (bottom, top) = (bottom - BLOCK_SIDE as f32, top - BLOCK_SIDE as f32);
                 }
             }
         }
