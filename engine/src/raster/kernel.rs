@@ -1,9 +1,9 @@
 //! Volume records to optical depths or opacities at the pixels of a block.
 
-use super::offsets::{Exact, HALF_LOG2_E, ROOT_HALF_LOG2_E};
-use super::outline::{BATCH, BlockMasks, Column, Outlines, add_rect, sixteen, sixteen_of};
+use super::offsets::{Exact, HALF_LOG2_E};
+use super::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
 use crate::camera::Projection;
-use crate::footprint::{Form, Kind, Lens, Record, Rect};
+use crate::footprint::{Kind, Lens, Record, Rect};
 use crate::simd::*;
 use crate::tile::{HALF_BLOCK, MAX_BLOCKS, Tile};
 
@@ -33,9 +33,6 @@ pub(crate) struct Kernels {
     alpha: [Column; 3],
     color: [Column; 3],
     amplitude: Column,
-    depth: Column,
-    depth_slope: [Column; 2],
-    sigma_z: Column,
     /// How far they reach along z from their centres, anywhere in the picture: to the end of their ellipsoids, and
     /// [`REACH`] σ_z.
     reach: Column,
@@ -43,7 +40,6 @@ pub(crate) struct Kernels {
     pub(crate) plain: u64,
     /// Those of kind `Opacity`.
     opacities: u64,
-    exact: u64,
     /// Those that lie wholly behind the near plane.
     pub(crate) whole: u64,
     /// Those that each block needs.
@@ -73,13 +69,9 @@ impl Kernels {
         alpha: [[0.0; BATCH]; 3],
         color: [[0.0; BATCH]; 3],
         amplitude: [0.0; BATCH],
-        depth: [1.0; BATCH],
-        depth_slope: [[0.0; BATCH]; 2],
-        sigma_z: [0.0; BATCH],
         reach: [0.0; BATCH],
         plain: 0,
         opacities: 0,
-        exact: 0,
         whole: 0,
         masks: [0; MAX_BLOCKS],
     };
@@ -95,56 +87,31 @@ impl Kernels {
         records: impl Iterator<Item = &'a Record>,
         rect: impl Fn(usize) -> &'a Rect,
     ) {
-        let (mut count, mut opacities, mut exact) = (0, 0_u64, 0_u64);
-        for (number, record) in records.enumerate().take(BATCH) {
-            for axis in 0..2 {
-                self.outlines.mean[axis][number] = record.mean[axis];
-                self.depth_slope[axis][number] = record.depth_slope[axis];
-            }
-            for i in 0..3 {
-                self.outlines.root[i][number] = record.conic_root[i];
-                self.color[i][number] = record.color[i];
+        self.outlines.clear();
+        (self.opacities, self.plain) = (0, 0);
+        for record in records.take(BATCH) {
+            let number = self.outlines.push(record);
+            for (column, color) in self.color.iter_mut().zip(record.color) {
+                column[number] = color;
             }
             self.amplitude[number] = record.amplitude;
-            self.depth[number] = record.depth;
-            self.sigma_z[number] = record.sigma_z;
-            opacities |= u64::from(record.tag.kind == Kind::Opacity) << number;
-            exact |= u64::from(record.tag.form == Form::Exact) << number;
-            count = number + 1;
+            self.opacities |= u64::from(record.tag.kind == Kind::Opacity) << number;
         }
-        (self.opacities, self.exact, self.plain) = (opacities, exact, 0);
-        for first in (0..count).step_by(16) {
-            self.prepare(simd, tile, lens, first);
+        self.outlines.prepare(simd, tile);
+        for first in self.outlines.sixteens() {
+            self.prepare(simd, lens, first);
         }
-        self.masks = self.outlines.meet(simd, tile, count);
-        let listed = u64::MAX.checked_shr((BATCH - count) as u32).unwrap_or(0);
-        for mask in &mut self.masks {
-            *mask &= listed & !exact;
-        }
-        for number in (0..count).filter(|number| exact >> number & 1 != 0) {
-            add_rect(&mut self.masks, number, rect(number), tile);
-        }
+        self.masks = self.outlines.blocks(simd, tile, rect);
     }
 
-    /// Turns sixteen records, as they are, into what pixels need.
+    /// Finds what follows from sixteen records.
     #[inline(always)]
-    fn prepare<S: Simd>(&mut self, simd: S, tile: Tile, lens: &KernelLens, first: usize) {
+    fn prepare<S: Simd>(&mut self, simd: S, lens: &KernelLens, first: usize) {
         let range = first..first + 16;
-        for (axis, mean) in self.outlines.mean.iter_mut().enumerate() {
-            (sixteen(simd, mean, first) - (tile.origin[axis] as f32 + 0.5))
-                .store_slice(&mut mean[range.clone()]);
-        }
-        let root = self.outlines.root.each_ref().each(
-            #[inline(always)]
-            |column| sixteen(simd, column, first) * ROOT_HALF_LOG2_E,
-        );
-        for (column, root) in self.outlines.root.iter_mut().zip(root) {
-            root.store_slice(&mut column[range.clone()]);
-        }
         let amplitude = sixteen(simd, &self.amplitude, first);
         let square = amplitude * amplitude;
         let opacity = mask32x16::from_bitmask(simd, self.opacities >> first);
-        let exact = mask32x16::from_bitmask(simd, self.exact >> first);
+        let exact = mask32x16::from_bitmask(simd, self.outlines.exact >> first);
         let zero = W::simd_from(simd, 0.0);
         let thin = [
             opacity.select(amplitude, amplitude * THIN[0]),
@@ -163,9 +130,12 @@ impl Kernels {
         let end = opacity.select(own.min(end), end);
         end.store_slice(&mut self.outlines.end[range.clone()]);
         // Σ_zz is σ_z² and what the slope of the depth adds over the footprint, |M⁻ᵀ slope|².
-        let x = sixteen(simd, &self.depth_slope[0], first) / root[0];
-        let y = (sixteen(simd, &self.depth_slope[1], first) - root[1] * x) / root[2];
-        let reach = (x.mul_add(x, y * y) * end).sqrt() + sixteen(simd, &self.sigma_z, first) * (1.25 * REACH);
+        let [a, b, c] = sixteen_of(simd, &self.outlines.root, first);
+        let slope = sixteen_of(simd, &self.outlines.depth_slope, first);
+        let x = slope[0] / a;
+        let y = (slope[1] - b * x) / c;
+        let reach = (x.mul_add(x, y * y) * end).sqrt()
+            + sixteen(simd, &self.outlines.sigma_z, first) * (1.25 * REACH);
         reach.store_slice(&mut self.reach[range]);
     }
 
@@ -174,7 +144,7 @@ impl Kernels {
     pub(crate) fn place<S: Simd>(&mut self, simd: S, [near, hidden]: [f32; 2]) {
         let (mut behind, mut whole) = (0, 0);
         for first in (0..BATCH).step_by(16) {
-            let nearest = sixteen(simd, &self.depth, first) - sixteen(simd, &self.reach, first);
+            let nearest = sixteen(simd, &self.outlines.depth, first) - sixteen(simd, &self.reach, first);
             behind |= nearest.simd_gt(W::simd_from(simd, hidden)).to_bitmask() << first;
             whole |= nearest.simd_gt(W::simd_from(simd, near)).to_bitmask() << first;
         }
@@ -196,9 +166,10 @@ impl Kernels {
         for first in (0..BATCH).step_by(16) {
             let x = W::simd_from(simd, corner[0] + HALF_BLOCK) - sixteen(simd, &self.outlines.mean[0], first);
             let y = W::simd_from(simd, corner[1] + HALF_BLOCK) - sixteen(simd, &self.outlines.mean[1], first);
-            let slope = sixteen_of(simd, &self.depth_slope, first);
-            let (depth, sigma_z) = (sixteen(simd, &self.depth, first), sixteen(simd, &self.sigma_z, first));
-            let exact = mask32x16::from_bitmask(simd, self.exact >> first);
+            let slope = sixteen_of(simd, &self.outlines.depth_slope, first);
+            let (depth, sigma_z) =
+                (sixteen(simd, &self.outlines.depth, first), sixteen(simd, &self.outlines.sigma_z, first));
+            let exact = mask32x16::from_bitmask(simd, self.outlines.exact >> first);
             let middle = exact.select(depth, slope[0].mul_add(x, slope[1].mul_add(y, depth)));
             let half =
                 sigma_z.mul_add(W::simd_from(simd, REACH), (slope[0].abs() + slope[1].abs()) * HALF_BLOCK);
@@ -221,12 +192,6 @@ impl Kernels {
     #[inline(always)]
     pub(crate) fn color(&self, number: usize) -> [f32; 3] {
         [self.color[0][number], self.color[1][number], self.color[2][number]]
-    }
-
-    /// Depth, its slope and σ₀.
-    #[inline(always)]
-    fn plane(&self, number: usize) -> (f32, [f32; 2], f32) {
-        (self.depth[number], [self.depth_slope[0][number], self.depth_slope[1][number]], self.sigma_z[number])
     }
 
     /// Whether strengths are opacities.
@@ -262,10 +227,10 @@ impl Kernels {
     #[inline(always)]
     pub(crate) fn plain_alpha<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
         let offsets = self.outlines.offsets(simd, number, pixels);
-        let exponent = if self.exact >> number & 1 == 0 {
+        let exponent = if !self.outlines.is_exact(number) {
             offsets.exponent
         } else {
-            Exact::new(simd, &offsets, self.plane(number)).exponent
+            Exact::new(simd, &offsets, self.outlines.plane(number)).exponent
         };
         let w = self.weight(simd, number, exponent);
         let [first, second, third] = self.alpha.each_ref().each(
@@ -279,11 +244,11 @@ impl Kernels {
     #[inline(always)]
     pub(crate) fn depth_at<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
         let offsets = self.outlines.offsets(simd, number, pixels);
-        if self.exact >> number & 1 == 0 {
-            let (depth, slope, _) = self.plane(number);
+        if !self.outlines.is_exact(number) {
+            let (depth, slope, _) = self.outlines.plane(number);
             offsets.linear(simd, depth, slope)
         } else {
-            Exact::new(simd, &offsets, self.plane(number)).depth
+            Exact::new(simd, &offsets, self.outlines.plane(number)).depth
         }
     }
 
@@ -297,15 +262,15 @@ impl Kernels {
         (tile, lens): (Tile, &KernelLens),
     ) -> Fragments<S> {
         let offsets = self.outlines.offsets(simd, number, pixels);
-        let (amplitude, sigma_z) = (self.amplitude[number], self.sigma_z[number]);
-        if self.exact >> number & 1 == 0 {
+        let (amplitude, sigma_z) = (self.amplitude[number], self.outlines.sigma_z[number]);
+        if !self.outlines.is_exact(number) {
             return Fragments {
                 strength: self.weight(simd, number, offsets.exponent) * amplitude,
                 depth: self.depth_at(simd, number, pixels),
                 sigma_z: W::simd_from(simd, sigma_z),
             };
         }
-        let Exact { exponent, depth, den } = Exact::new(simd, &offsets, self.plane(number));
+        let Exact { exponent, depth, den } = Exact::new(simd, &offsets, self.outlines.plane(number));
         let scale = inverse_root(simd, den);
         let mut strength = self.weight(simd, number, exponent) * amplitude;
         if !self.is_opacity(number) {

@@ -1,7 +1,7 @@
 //! Which blocks of a tile the ellipses of records meet.
 
-use super::offsets::Offsets;
-use crate::footprint::Rect;
+use super::offsets::{HALF_LOG2_E, Offsets, ROOT_HALF_LOG2_E};
+use crate::footprint::{Form, Record, Rect};
 use crate::simd::*;
 use crate::tile::{BLOCK_SIDE, MAX_BLOCKS, MAX_SIDE, Tile};
 
@@ -11,23 +11,94 @@ pub(crate) const BATCH: usize = u64::BITS as usize;
 /// A number for each record of a batch.
 pub(crate) type Column = [f32; BATCH];
 
-/// The ellipses of a batch of records in the affine form.
+/// The footprints of a batch of records, from the centre of the tile's first pixel.
+#[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(crate) struct Outlines {
-    /// From the centre of the tile's first pixel.
     pub(crate) mean: [Column; 2],
-    /// M with q = |Mu|².
+    /// √k M, with kq = |√k Mu|².
     pub(crate) root: [Column; 3],
-    /// Where q ends.
+    /// Where kr ends.
     pub(crate) end: Column,
+    pub(crate) depth: Column,
+    pub(crate) depth_slope: [Column; 2],
+    pub(crate) sigma_z: Column,
+    /// Those in the exact form.
+    pub(crate) exact: u64,
+    count: usize,
 }
 
 /// For each block of a tile the records of a batch that it needs.
 pub(crate) type BlockMasks = [u64; MAX_BLOCKS];
 
 impl Outlines {
-    pub(crate) const NONE: Self =
-        Self { mean: [[0.0; BATCH]; 2], root: [[1.0; BATCH]; 3], end: [0.0; BATCH] };
+    pub(crate) const NONE: Self = Self {
+        mean: [[0.0; BATCH]; 2],
+        root: [[1.0; BATCH]; 3],
+        end: [0.0; BATCH],
+        depth: [1.0; BATCH],
+        depth_slope: [[0.0; BATCH]; 2],
+        sigma_z: [0.0; BATCH],
+        exact: 0,
+        count: 0,
+    };
+
+    /// Forgets all records.
+    #[inline(always)]
+    pub(crate) fn clear(&mut self) {
+        (self.exact, self.count) = (0, 0);
+    }
+
+    /// Takes in a record as it is; gives its number.
+    #[inline(always)]
+    pub(crate) fn push(&mut self, record: &Record) -> usize {
+        let number = self.count % BATCH;
+        for axis in 0..2 {
+            self.mean[axis][number] = record.mean[axis];
+            self.depth_slope[axis][number] = record.depth_slope[axis];
+        }
+        for (column, root) in self.root.iter_mut().zip(record.conic_root) {
+            column[number] = root;
+        }
+        self.depth[number] = record.depth;
+        self.sigma_z[number] = record.sigma_z;
+        self.exact |= u64::from(record.tag.form == Form::Exact) << number;
+        self.count = number + 1;
+        number
+    }
+
+    /// Turns the records as they are into what pixels of a tile need.
+    #[inline(always)]
+    pub(crate) fn prepare<S: Simd>(&mut self, simd: S, tile: Tile) {
+        for first in (0..self.count).step_by(16) {
+            for (axis, column) in self.mean.iter_mut().enumerate() {
+                let mean = sixteen(simd, column, first) - (tile.origin[axis] as f32 + 0.5);
+                mean.store_slice(&mut column[first..first + 16]);
+            }
+            for column in &mut self.root {
+                let root = sixteen(simd, column, first) * ROOT_HALF_LOG2_E;
+                root.store_slice(&mut column[first..first + 16]);
+            }
+        }
+    }
+
+    /// Beginnings of the sixteens of records.
+    #[inline(always)]
+    pub(crate) fn sixteens(&self) -> impl Iterator<Item = usize> + use<> {
+        (0..self.count).step_by(16)
+    }
+
+    /// Whether a record is in the exact form.
+    #[inline(always)]
+    pub(crate) fn is_exact(&self, number: usize) -> bool {
+        self.exact >> number & 1 != 0
+    }
+
+    /// Depth of a record's mean, its slope, and σ₀.
+    #[inline(always)]
+    pub(crate) fn plane(&self, number: usize) -> (f32, [f32; 2], f32) {
+        (self.depth[number], [self.depth_slope[0][number], self.depth_slope[1][number]], self.sigma_z[number])
+    }
 
     /// Where pixels are from the mean of a record.
     #[inline(always)]
@@ -36,54 +107,139 @@ impl Outlines {
         Offsets::new(simd, pixels, ([x[number], y[number]], [a[number], b[number], c[number]]))
     }
 
-    /// The blocks that each ellipse meets, column of blocks by column: between the outermost pixels of the ellipse
-    /// there. The first `count` records are looked at, and any that the batch had before behind them.
+    /// The blocks that each record needs: those that its ellipse meets, and where perspective makes none of it, those of
+    /// its rectangle.
     #[inline(always)]
-    pub(crate) fn meet<S: Simd>(&self, simd: S, tile: Tile, count: usize) -> BlockMasks {
-        let mut masks = [0; MAX_BLOCKS];
-        let least = W::simd_from(simd, 1e-30);
-        let (zero, last) = (W::simd_from(simd, 0.0), W::simd_from(simd, (BLOCK_SIDE - 1) as f32));
-        for first in (0..count).step_by(16) {
-            let [x, y] = sixteen_of(simd, &self.mean, first);
-            let [a, b, c] = sixteen_of(simd, &self.root, first);
-            let end = sixteen(simd, &self.end, first);
-            // v = mu ± √((ρ − u²/V_xx)/s); the lowest point over an interval is at its end nearest to the lowest of all.
-            let s = b.mul_add(b, c * c);
-            let inverse_s = W::simd_from(simd, 1.0) / s;
-            let inverse_ac = W::simd_from(simd, 1.0) / (a * c);
-            let root = end.sqrt();
-            // Rounding moves a pixel by less than a hundredth.
-            let reach = root * s.sqrt() * inverse_ac + 0.01;
-            let lowest = -b * inverse_ac * root;
-            let m = -a * b * inverse_s;
-            let per_u = -(a * c) * (a * c) * inverse_s;
-            for column in 0..tile.blocks_a_side() {
-                let left = W::simd_from(simd, (column * BLOCK_SIDE) as f32) - x;
-                let right = left + (BLOCK_SIDE - 1) as f32;
-                let is_met = left.simd_le(reach) & right.simd_ge(-reach);
-                if !is_met.any_true() {
-                    continue;
-                }
-                let (left, right) = (left.max(-reach), right.min(reach));
-                let [(u, half), (u_top, half_top)] = [lowest, -lowest].each(
-                    #[inline(always)]
-                    |lowest| {
-                        let u = lowest.max(left).min(right);
-                        let under = ((u * u).mul_add(per_u, end) * inverse_s).max(least);
-                        (u, under * inverse_root(simd, under) + 0.01)
-                    },
-                );
-                // From the first row of blocks, then from the next.
-                let (mut bottom, mut top) = (u.mul_add(m, y) + half, u_top.mul_add(m, y) - half_top);
-                let rows = column * tile.blocks_a_side()..(column + 1) * tile.blocks_a_side();
-                for mask in &mut masks[rows] {
-                    let met = is_met & bottom.simd_ge(zero) & top.simd_le(last);
-                    *mask |= met.to_bitmask() << first;
-                    (bottom, top) = (bottom - BLOCK_SIDE as f32, top - BLOCK_SIDE as f32);
-                }
+    pub(crate) fn blocks<'a, S: Simd>(
+        &self,
+        simd: S,
+        tile: Tile,
+        rect: impl Fn(usize) -> &'a Rect,
+    ) -> BlockMasks {
+        let (mut masks, mut open) = ([0; MAX_BLOCKS], 0);
+        for first in self.sixteens() {
+            let mut ellipses = Ellipses {
+                mean: sixteen_of(simd, &self.mean, first),
+                root: sixteen_of(simd, &self.root, first),
+                end: sixteen(simd, &self.end, first),
+            };
+            if self.exact >> first & 0xffff != 0 {
+                let exact = mask32x16::from_bitmask(simd, self.exact >> first);
+                open |= ellipses.make_exact(simd, exact, self, first).to_bitmask() << first;
             }
+            ellipses.meet(simd, tile, first, &mut masks);
+        }
+        let listed = u64::MAX.checked_shr((BATCH - self.count) as u32).unwrap_or(0);
+        open &= listed;
+        for mask in &mut masks {
+            *mask &= listed & !open;
+        }
+        for number in (0..self.count).filter(|number| open >> number & 1 != 0) {
+            add_rect(&mut masks, number, rect(number), tile);
         }
         masks
+    }
+}
+
+/// Sixteen ellipses q(u) ≤ end.
+struct Ellipses<S: Simd> {
+    mean: [W<S>; 2],
+    root: [W<S>; 3],
+    end: W<S>,
+}
+
+impl<S: Simd> Ellipses<S> {
+    /// The ellipses of records in the exact form. With κs the slope of t, and den = t² + (κσ₀)²q,
+    ///
+    /// ```text
+    /// q ≤ ρ den    is    uᵀAu + 2ρκ s·u ≤ ρ,    A = (1 − ρ(κσ₀)²) Q − ρκ² ssᵀ
+    /// ```
+    ///
+    /// whose centre is −A⁻¹ρκs. Says which have none since A is not positive.
+    #[inline(always)]
+    fn make_exact(
+        &mut self,
+        simd: S,
+        exact: mask32x16<S>,
+        outlines: &Outlines,
+        first: usize,
+    ) -> mask32x16<S> {
+        let one = W::simd_from(simd, 1.0);
+        let end = self.end;
+        let depth = sixteen(simd, &outlines.depth, first);
+        let inverse_depth = one / depth;
+        let [x, y] = sixteen_of(simd, &outlines.depth_slope, first).each(
+            #[inline(always)]
+            |slope| slope * inverse_depth,
+        );
+        let spread = sixteen(simd, &outlines.sigma_z, first) * inverse_depth;
+        let share = one - spread * spread * end * (1.0 / HALF_LOG2_E);
+        let [a, b, c] = self.root;
+        let xx = (share * a).mul_sub(a, end * x * x);
+        let xy = (share * a).mul_sub(b, end * x * y);
+        let yy = share.mul_sub(b.mul_add(b, c * c), end * y * y);
+        let area = xx.mul_sub(yy, xy * xy);
+        // Where next to nothing is left of A, so little of it is right.
+        let is_ellipse = depth.simd_gt(W::simd_from(simd, 0.0))
+            & xx.simd_gt(a * a * 0.01)
+            & area.simd_gt(a * a * c * c * 0.01);
+        let per_area = end / area;
+        let center = [xy.mul_sub(y, yy * x) * per_area, xy.mul_sub(x, xx * y) * per_area];
+        let own_end = end - end * (x.mul_add(center[0], y * center[1]));
+        let own_a = xx.sqrt();
+        let root = [own_a, xy / own_a, (area / xx).sqrt()];
+        for axis in 0..2 {
+            self.mean[axis] = exact.select(self.mean[axis] + center[axis], self.mean[axis]);
+        }
+        for (root, own) in self.root.iter_mut().zip(root) {
+            *root = exact.select(own, *root);
+        }
+        self.end = exact.select(own_end, end);
+        exact & !is_ellipse
+    }
+
+    /// Adds records to the masks of the blocks that their ellipses meet: in a column of blocks those between the
+    /// ellipse's outermost pixels there.
+    #[inline(always)]
+    fn meet(&self, simd: S, tile: Tile, first: usize, masks: &mut BlockMasks) {
+        let least = W::simd_from(simd, 1e-30);
+        let (zero, last) = (W::simd_from(simd, 0.0), W::simd_from(simd, (BLOCK_SIDE - 1) as f32));
+        let Self { mean: [x, y], root: [a, b, c], end } = *self;
+        // v = mu ± √((ρ − u²/V_xx)/s); the lowest point over an interval is at its end nearest to the lowest of all.
+        let s = b.mul_add(b, c * c);
+        let inverse_s = W::simd_from(simd, 1.0) / s;
+        let inverse_ac = W::simd_from(simd, 1.0) / (a * c);
+        let root = end.sqrt();
+        // Rounding moves a pixel by less than a hundredth.
+        let reach = root * s.sqrt() * inverse_ac + 0.01;
+        let lowest = -b * inverse_ac * root;
+        let m = -a * b * inverse_s;
+        let per_u = -(a * c) * (a * c) * inverse_s;
+        for column in 0..tile.blocks_a_side() {
+            let left = W::simd_from(simd, (column * BLOCK_SIDE) as f32) - x;
+            let right = left + (BLOCK_SIDE - 1) as f32;
+            let is_met = left.simd_le(reach) & right.simd_ge(-reach);
+            if !is_met.any_true() {
+                continue;
+            }
+            let (left, right) = (left.max(-reach), right.min(reach));
+            let [(u, half), (u_top, half_top)] = [lowest, -lowest].each(
+                #[inline(always)]
+                |lowest| {
+                    let u = lowest.max(left).min(right);
+                    let under = ((u * u).mul_add(per_u, end) * inverse_s).max(least);
+                    (u, under * inverse_root(simd, under) + 0.01)
+                },
+            );
+            // From the first row of blocks, then from the next.
+            let (mut bottom, mut top) = (u.mul_add(m, y) + half, u_top.mul_add(m, y) - half_top);
+            let rows = column * tile.blocks_a_side()..(column + 1) * tile.blocks_a_side();
+            for mask in &mut masks[rows] {
+                let met = is_met & bottom.simd_ge(zero) & top.simd_le(last);
+                *mask |= met.to_bitmask() << first;
+                (bottom, top) = (bottom - BLOCK_SIDE as f32, top - BLOCK_SIDE as f32);
+            }
+        }
     }
 }
 
@@ -106,7 +262,7 @@ where
 }
 
 /// Adds a record to the masks of all blocks of a tile that its rectangle touches.
-pub(crate) fn add_rect(masks: &mut BlockMasks, number: usize, rect: &Rect, tile: Tile) {
+fn add_rect(masks: &mut BlockMasks, number: usize, rect: &Rect, tile: Tile) {
     let range = |axis: usize| {
         let origin = tile.origin[axis];
         let from = usize::from(rect.min[axis]).saturating_sub(origin);
@@ -123,45 +279,67 @@ pub(crate) fn add_rect(masks: &mut BlockMasks, number: usize, rect: &Rect, tile:
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::footprint::Tag;
     use crate::simd::{Level, dispatch};
     use proptest::prelude::*;
 
     proptest! {
-        #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
+        #![proptest_config(ProptestConfig { cases: 512, failure_persistence: None, ..ProptestConfig::default() })]
 
         /// Every pixel in the ellipse lies in a block that is met, and a block that is met is not two pixels off.
         #[test]
         fn blocks_are_those_with_pixels(
-            mean in prop::array::uniform2(-20.0..50.0f32),
+            mean in prop::array::uniform2(20.0..90.0f32),
             log_scales in prop::array::uniform2(-0.5..2.5f32),
             turn in 0.0..3.2f32,
+            plane in prop::array::uniform3(-1.0..1.0f32),
+            form in prop_oneof![Just(Form::Affine), Just(Form::Exact)],
             side in prop_oneof![Just(8_usize), Just(16), Just(32)],
         ) {
             let tile = Tile::new([1, 2], side, [200, 200]);
-            // M = R⁻¹-like root of a turned ellipse: V = Σ s² e eᵀ, as the footprint stage gives it.
+            // M with V = Σ s² e eᵀ, as the footprint stage gives it.
             let (sin, cos) = turn.sin_cos();
             let [p, q] = log_scales.map(|log| (2.0 * log).exp());
             let (xx, yy, xy) = (p * cos * cos + q * sin * sin, p * sin * sin + q * cos * cos, (p - q) * sin * cos);
             let area = xx * yy - xy * xy;
-            let [a, b, c] = [(yy / area).sqrt(), -xy / (yy * area).sqrt(), 1.0 / yy.sqrt()];
-            let mut outlines = Outlines::NONE;
-            let (number, end) = (5, 12.25);
-            for (column, value) in outlines.mean.iter_mut().chain(&mut outlines.root).zip([mean[0], mean[1], a, b, c]) {
-                column[number] = value;
+            let conic_root = [(yy / area).sqrt(), -xy / (yy * area).sqrt(), 1.0 / yy.sqrt()];
+            // Up to a third of the depth within the ellipse.
+            let depth_slope = [plane[0], plane[1]].map(|x| x * 0.06 / p.max(q).sqrt());
+            let record = Record {
+                mean,
+                conic_root,
+                depth: 1.0,
+                depth_slope,
+                sigma_z: 0.1 * plane[2].abs(),
+                tag: Tag { form, ..Record::BLANK.tag },
+                ..Record::BLANK
+            };
+            let end = 12.25;
+            let (number, mut outlines) = (5, Outlines::NONE);
+            for _ in 0..=number {
+                outlines.push(&record);
             }
-            outlines.end[number] = end;
+            outlines.end = [end * HALF_LOG2_E; BATCH];
             for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
-                let masks = dispatch!(level, simd => outlines.meet(simd, tile, number + 1));
+                let masks = dispatch!(level, simd => {
+                    let mut outlines = outlines;
+                    outlines.prepare(simd, tile);
+                    outlines.blocks(simd, tile, |_| unreachable!("every ellipse is one"))
+                });
                 for block in 0..tile.blocks() {
-                    let [left, top] = tile.corner(block);
-                    let q = |x: f32, y: f32| {
-                        let (u, v) = (x - mean[0], y - mean[1]);
-                        (a * u + b * v).powi(2) + (c * v).powi(2)
+                    let corner = tile.corner(block);
+                    let r = |pixel: [i32; 2]| {
+                        let [u, v] = [0, 1].map(|axis| {
+                            (tile.origin[axis] + corner[axis]) as f32 + 0.5 + pixel[axis] as f32 - mean[axis]
+                        });
+                        let [a, b, c] = conic_root;
+                        let q = (a * u + b * v).powi(2) + (c * v).powi(2);
+                        let t = 1.0 - depth_slope[0] * u - depth_slope[1] * v;
+                        if form == Form::Exact { q / (t * t + record.sigma_z.powi(2) * q) } else { q }
                     };
                     let any = |margin: i32, end: f32| {
-                        let pixel = |from: usize, i: i32| from as f32 + i as f32;
-                        let mut pixels = (-margin..4 + margin).flat_map(|i| (-margin..4 + margin).map(move |j| (i, j)));
-                        pixels.any(|(i, j)| q(pixel(left, i), pixel(top, j)) <= end)
+                        let mut pixels = (-margin..4 + margin).flat_map(|i| (-margin..4 + margin).map(move |j| [i, j]));
+                        pixels.any(|pixel| r(pixel) <= end)
                     };
                     let met = masks[block] >> number & 1 == 1;
                     prop_assert!(met || !any(0, end - 1e-3), "{level:?}: block {block} is missing");

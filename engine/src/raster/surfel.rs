@@ -1,9 +1,9 @@
 //! Surface records to samples with a plane at the pixels of a block.
 
-use super::offsets::{Exact, HALF_LOG2_E, ROOT_HALF_LOG2_E};
-use super::outline::{BATCH, BlockMasks, Column, Outlines, add_rect, sixteen, sixteen_of};
+use super::offsets::{Exact, HALF_LOG2_E};
+use super::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
 use crate::camera::Projection;
-use crate::footprint::{Form, Lens, Record, Rect};
+use crate::footprint::{Lens, Record, Rect};
 use crate::simd::*;
 use crate::tile::{BLOCK_SIDE, HALF_BLOCK, MAX_BLOCKS, Tile};
 
@@ -38,9 +38,6 @@ impl SurfelLens {
 #[repr(C, align(64))]
 pub(crate) struct Surfels {
     outlines: Outlines,
-    depth: Column,
-    depth_slope: [Column; 2],
-    sigma_z: Column,
     /// n·v over the coverage floor; negative where the front is seen.
     facing: Column,
     /// Change of n·v a pixel, over n·v at the mean; 0 where the surfel is seen edge-on.
@@ -49,8 +46,6 @@ pub(crate) struct Surfels {
     facing_slope: [Column; 2],
     pub(crate) tolerance: Column,
     pub(crate) index: [u32; BATCH],
-    /// Those in the exact form.
-    exact: u64,
     /// Those that each block needs.
     pub(crate) masks: BlockMasks,
 }
@@ -78,15 +73,11 @@ pub(crate) struct Spans<S: Simd> {
 impl Surfels {
     pub(crate) const NONE: Self = Self {
         outlines: Outlines::NONE,
-        depth: [1.0; BATCH],
-        depth_slope: [[0.0; BATCH]; 2],
-        sigma_z: [0.0; BATCH],
         facing: [0.0; BATCH],
         tilt: [[0.0; BATCH]; 2],
         facing_slope: [[0.0; BATCH]; 2],
         tolerance: [0.0; BATCH],
         index: [0; BATCH],
-        exact: 0,
         masks: [0; MAX_BLOCKS],
     };
 
@@ -99,53 +90,29 @@ impl Surfels {
         records: impl Iterator<Item = (u32, &'a Record, f32)>,
         rects: &[Rect],
     ) {
-        let origin = tile.origin.each(
-            #[inline(always)]
-            |pixel| pixel as f32 + 0.5,
-        );
-        self.exact = 0;
+        self.outlines.clear();
         self.outlines.end = [lens.cutoff * HALF_LOG2_E; BATCH];
-        let mut count = 0;
-        for (number, (index, record, tolerance)) in records.enumerate().take(BATCH) {
+        for (index, record, tolerance) in records.take(BATCH) {
+            let number = self.outlines.push(record);
             for axis in 0..2 {
-                self.outlines.mean[axis][number] = record.mean[axis] - origin[axis];
-                self.depth_slope[axis][number] = record.depth_slope[axis];
                 self.facing_slope[axis][number] = record.amplitude_slope[axis];
                 let tilt = record.amplitude_slope[axis] / record.amplitude;
                 self.tilt[axis][number] = if tilt.is_finite() { tilt } else { 0.0 };
             }
-            for (column, root) in self.outlines.root.iter_mut().zip(record.conic_root) {
-                column[number] = root * ROOT_HALF_LOG2_E;
-            }
-            self.depth[number] = record.depth;
-            self.sigma_z[number] = record.sigma_z;
             self.facing[number] = record.amplitude;
             self.tolerance[number] = tolerance;
             self.index[number] = index;
-            self.exact |= u64::from(record.tag.form == Form::Exact) << number;
-            count = number + 1;
         }
-        self.masks = self.outlines.meet(simd, tile, count);
-        let listed = u64::MAX.checked_shr((BATCH - count) as u32).unwrap_or(0);
-        for mask in &mut self.masks {
-            *mask &= listed & !self.exact;
-        }
-        for number in (0..count).filter(|number| self.exact >> number & 1 != 0) {
-            add_rect(&mut self.masks, number, &rects[self.index[number] as usize], tile);
-        }
-    }
-
-    /// Whether a record is in the exact form.
-    #[inline(always)]
-    fn is_exact(&self, number: usize) -> bool {
-        self.exact >> number & 1 != 0
+        self.outlines.prepare(simd, tile);
+        let index = &self.index;
+        self.masks = self.outlines.blocks(simd, tile, |number| &rects[index[number] as usize]);
     }
 
     /// Whether a record shows its back in the block with a corner; `None` where it shows both sides.
     #[inline(always)]
     pub(crate) fn faces_away(&self, number: usize, corner: [f32; 2]) -> Option<bool> {
         let facing = self.facing[number];
-        if !self.is_exact(number) {
+        if !self.outlines.is_exact(number) {
             return Some(facing > 0.0);
         }
         let at = |axis: usize| {
@@ -168,13 +135,12 @@ impl Surfels {
         lens: &SurfelLens,
     ) -> Sample<S> {
         let offsets = self.outlines.offsets(simd, number, pixels);
-        let slope = [self.depth_slope[0][number], self.depth_slope[1][number]];
-        let (exponent, depth, den) = if self.is_exact(number) {
-            let plane = (self.depth[number], slope, self.sigma_z[number]);
+        let plane = self.outlines.plane(number);
+        let (exponent, depth, den) = if self.outlines.is_exact(number) {
             let Exact { exponent, depth, den } = Exact::new(simd, &offsets, plane);
             (exponent, depth, Some(den))
         } else {
-            (offsets.exponent, offsets.linear(simd, self.depth[number], slope), None)
+            (offsets.exponent, offsets.linear(simd, plane.0, plane.1), None)
         };
         let (end, near) = (W::simd_from(simd, -self.outlines.end[number]), W::simd_from(simd, lens.near));
         Sample { inside: exponent.simd_ge(end) & depth.simd_gt(near), depth, exponent, den }
@@ -183,7 +149,7 @@ impl Surfels {
     /// z less 3σ_z. Spans begin there or nearer.
     #[inline(always)]
     pub(crate) fn begins<S: Simd>(&self, simd: S, number: usize, sample: &Sample<S>) -> W<S> {
-        let reach = W::simd_from(simd, -3.0 * self.sigma_z[number]);
+        let reach = W::simd_from(simd, -3.0 * self.outlines.sigma_z[number]);
         match sample.den {
             Some(den) => inverse_root(simd, den).mul_add(reach, sample.depth),
             None => sample.depth + reach,
@@ -207,7 +173,7 @@ impl Surfels {
         pixels: [W<S>; 2],
         lens: &SurfelLens,
     ) -> Spans<S> {
-        let depth = W::simd_from(simd, self.depth[number]);
+        let depth = W::simd_from(simd, self.outlines.depth[number]);
         let zeta = lens.zeta(simd, depth);
         let limit = zeta.abs() * lens.farthest_offset;
         let zero = W::simd_from(simd, 0.0);
@@ -260,11 +226,12 @@ impl Surfels {
                 W::simd_from(simd, corner[0] + HALF_BLOCK) - x,
                 W::simd_from(simd, corner[1] + HALF_BLOCK) - y,
             ];
-            let (depth, sigma_z) = (sixteen(simd, &self.depth, first), sixteen(simd, &self.sigma_z, first));
-            let rise = range(sixteen_of(simd, &self.depth_slope, first), middle);
+            let (depth, sigma_z) =
+                (sixteen(simd, &self.outlines.depth, first), sixteen(simd, &self.outlines.sigma_z, first));
+            let rise = range(sixteen_of(simd, &self.outlines.depth_slope, first), middle);
             let mut seen = [depth + rise[0], depth + rise[1]];
             let mut reach = sigma_z * 3.0;
-            let exact = mask32x16::from_bitmask(simd, self.exact >> first);
+            let exact = mask32x16::from_bitmask(simd, self.outlines.exact >> first);
             if exact.any_true() {
                 // z is d/t but for den, which is at most t²/(1 − (σ₀/d)²ρ) inside the cut-off.
                 let per_depth = one / depth;
