@@ -166,7 +166,7 @@ impl Compositor<'_> {
         let (mut count, mut is_open) = (0, true);
         let mut seen = Seeing::load(simd, &runs.segments[0][here.block]);
         for kernels in batches {
-            let mut todo = kernels.masks[here.block];
+            let mut todo = kernels.masks.of(here.block);
             let mut whole = kernels.whole;
             if todo != 0 && own_cuts.layers > 0 {
                 let limits = [self.near, own_cuts.nearest, own_cuts.hidden];

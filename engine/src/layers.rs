@@ -195,7 +195,7 @@ impl LayerBuilder<'_> {
         listed.clear();
         let (mut nearest, mut seen_from, mut farthest) = ([0.0; BATCH], [0.0; BATCH], [0.0; BATCH]);
         for (batch, surfels) in batches[..*used].iter().enumerate() {
-            let mut rest = surfels.masks[block];
+            let mut rest = surfels.masks.of(block);
             if rest == 0 {
                 continue;
             }

@@ -5,7 +5,7 @@ use super::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
 use crate::camera::Projection;
 use crate::footprint::{Kind, Lens, Record, Rect};
 use crate::simd::*;
-use crate::tile::{HALF_BLOCK, MAX_BLOCKS, Tile};
+use crate::tile::{HALF_BLOCK, Tile};
 
 /// Up to this optical depth opacities are a cubic polynomial.
 const THIN_PEAK: f32 = 0.25;
@@ -73,24 +73,22 @@ impl Kernels {
         plain: 0,
         opacities: 0,
         whole: 0,
-        masks: [0; MAX_BLOCKS],
+        masks: BlockMasks::NONE,
     };
 
     /// Takes in up to [`BATCH`] records of a tile, with their rectangles.
-    ///
-    /// Records are not in the cache. So short is the loop over them that many are on their way at once.
     #[inline(always)]
     pub(crate) fn fill<'a, S: Simd>(
         &mut self,
         simd: S,
         (tile, lens): (Tile, &KernelLens),
-        records: impl Iterator<Item = &'a Record>,
+        records: impl Iterator<Item = &'a Record> + Clone,
         rect: impl Fn(usize) -> &'a Rect,
     ) {
-        self.outlines.clear();
+        self.outlines.begin(records.clone());
         (self.opacities, self.plain) = (0, 0);
-        for record in records.take(BATCH) {
-            let number = self.outlines.push(record);
+        for (number, record) in records.enumerate().take(BATCH) {
+            self.outlines.set(number, record);
             for (column, color) in self.color.iter_mut().zip(record.color) {
                 column[number] = color;
             }
@@ -149,9 +147,7 @@ impl Kernels {
             whole |= nearest.simd_gt(W::simd_from(simd, near)).to_bitmask() << first;
         }
         self.whole = whole;
-        for mask in &mut self.masks {
-            *mask &= !behind;
-        }
+        self.masks.keep(!behind);
     }
 
     /// Sets of records by where they are in the block with a corner: hidden behind a depth, wholly between two others.

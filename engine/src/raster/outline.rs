@@ -3,7 +3,7 @@
 use super::offsets::{HALF_LOG2_E, Offsets, ROOT_HALF_LOG2_E};
 use crate::footprint::{Form, Record, Rect};
 use crate::simd::*;
-use crate::tile::{BLOCK_SIDE, MAX_BLOCKS, MAX_SIDE, Tile};
+use crate::tile::{BLOCK_SIDE, MAX_BLOCKS, Tile};
 
 /// Records that are rasterized together: as many as a mask has bits.
 pub(crate) const BATCH: usize = u64::BITS as usize;
@@ -28,8 +28,48 @@ pub(crate) struct Outlines {
     count: usize,
 }
 
-/// For each block of a tile the records of a batch that it needs.
-pub(crate) type BlockMasks = [u64; MAX_BLOCKS];
+/// For each block of a tile the records of a batch that it needs, by sixteens.
+#[derive(Clone, Copy)]
+pub(crate) struct BlockMasks([[u16; BATCH / 16]; MAX_BLOCKS]);
+
+impl BlockMasks {
+    pub(crate) const NONE: Self = Self([[0; BATCH / 16]; MAX_BLOCKS]);
+
+    /// The records that a block needs.
+    #[inline(always)]
+    pub(crate) fn of(&self, block: usize) -> u64 {
+        let [a, b, c, d] = self.0[block].map(u64::from);
+        a | b << 16 | c << 32 | d << 48
+    }
+
+    /// Leaves out all records but these.
+    #[inline(always)]
+    pub(crate) fn keep(&mut self, kept: u64) {
+        if kept != u64::MAX {
+            let kept: [u16; BATCH / 16] = std::array::from_fn(|i| (kept >> (16 * i)) as u16);
+            for masks in &mut self.0 {
+                for (mask, kept) in masks.iter_mut().zip(kept) {
+                    *mask &= kept;
+                }
+            }
+        }
+    }
+
+    /// Adds a record to all blocks that its rectangle touches.
+    fn add_rect(&mut self, number: usize, rect: &Rect, tile: Tile) {
+        let range = |axis: usize| {
+            let origin = tile.origin[axis];
+            let from = usize::from(rect.min[axis]).saturating_sub(origin);
+            let to = usize::from(rect.max[axis]).saturating_sub(origin).min(tile.side);
+            from / BLOCK_SIDE..to.div_ceil(BLOCK_SIDE)
+        };
+        for column in range(0) {
+            for row in range(1) {
+                self.0[column * tile.blocks_a_side() + row][number / 16] |= 1 << (number % 16);
+            }
+        }
+    }
+}
 
 impl Outlines {
     pub(crate) const NONE: Self = Self {
@@ -43,16 +83,22 @@ impl Outlines {
         count: 0,
     };
 
-    /// Forgets all records.
+    /// Begins with new records.
+    ///
+    /// They are not in the cache. The loop over their tags is so short that most are on their way at once.
     #[inline(always)]
-    pub(crate) fn clear(&mut self) {
+    pub(crate) fn begin<'a>(&mut self, records: impl Iterator<Item = &'a Record>) {
         (self.exact, self.count) = (0, 0);
+        for (number, record) in records.enumerate().take(BATCH) {
+            self.exact |= u64::from(record.tag.form == Form::Exact) << number;
+            self.count = number + 1;
+        }
     }
 
-    /// Takes in a record as it is; gives its number.
+    /// Takes in a record as it is.
     #[inline(always)]
-    pub(crate) fn push(&mut self, record: &Record) -> usize {
-        let number = self.count % BATCH;
+    pub(crate) fn set(&mut self, number: usize, record: &Record) {
+        let number = number % BATCH;
         for axis in 0..2 {
             self.mean[axis][number] = record.mean[axis];
             self.depth_slope[axis][number] = record.depth_slope[axis];
@@ -62,9 +108,6 @@ impl Outlines {
         }
         self.depth[number] = record.depth;
         self.sigma_z[number] = record.sigma_z;
-        self.exact |= u64::from(record.tag.form == Form::Exact) << number;
-        self.count = number + 1;
-        number
     }
 
     /// Turns the records as they are into what pixels of a tile need.
@@ -116,7 +159,7 @@ impl Outlines {
         tile: Tile,
         rect: impl Fn(usize) -> &'a Rect,
     ) -> BlockMasks {
-        let (mut masks, mut open) = ([0; MAX_BLOCKS], 0);
+        let (mut masks, mut open) = (BlockMasks::NONE, 0);
         for first in self.sixteens() {
             let mut ellipses = Ellipses {
                 mean: sixteen_of(simd, &self.mean, first),
@@ -131,11 +174,9 @@ impl Outlines {
         }
         let listed = u64::MAX.checked_shr((BATCH - self.count) as u32).unwrap_or(0);
         open &= listed;
-        for mask in &mut masks {
-            *mask &= listed & !open;
-        }
+        masks.keep(listed & !open);
         for number in (0..self.count).filter(|number| open >> number & 1 != 0) {
-            add_rect(&mut masks, number, rect(number), tile);
+            masks.add_rect(number, rect(number), tile);
         }
         masks
     }
@@ -234,9 +275,9 @@ impl<S: Simd> Ellipses<S> {
             // From the first row of blocks, then from the next.
             let (mut bottom, mut top) = (u.mul_add(m, y) + half, u_top.mul_add(m, y) - half_top);
             let rows = column * tile.blocks_a_side()..(column + 1) * tile.blocks_a_side();
-            for mask in &mut masks[rows] {
+            for mask in &mut masks.0[rows] {
                 let met = is_met & bottom.simd_ge(zero) & top.simd_le(last);
-                *mask |= met.to_bitmask() << first;
+                mask[first / 16] = met.to_bitmask() as u16;
                 (bottom, top) = (bottom - BLOCK_SIDE as f32, top - BLOCK_SIDE as f32);
             }
         }
@@ -259,21 +300,6 @@ where
         #[inline(always)]
         |column| sixteen(simd, column, first),
     )
-}
-
-/// Adds a record to the masks of all blocks of a tile that its rectangle touches.
-fn add_rect(masks: &mut BlockMasks, number: usize, rect: &Rect, tile: Tile) {
-    let range = |axis: usize| {
-        let origin = tile.origin[axis];
-        let from = usize::from(rect.min[axis]).saturating_sub(origin);
-        let to = usize::from(rect.max[axis]).saturating_sub(origin).min(MAX_SIDE.min(tile.side));
-        from / BLOCK_SIDE..to.div_ceil(BLOCK_SIDE)
-    };
-    for column in range(0) {
-        for row in range(1) {
-            masks[column * tile.blocks_a_side() + row] |= 1 << number;
-        }
-    }
 }
 
 #[cfg(test)]
@@ -316,8 +342,9 @@ mod tests {
             };
             let end = 12.25;
             let (number, mut outlines) = (5, Outlines::NONE);
-            for _ in 0..=number {
-                outlines.push(&record);
+            outlines.begin([record; 6].iter());
+            for number in 0..=number {
+                outlines.set(number, &record);
             }
             outlines.end = [end * HALF_LOG2_E; BATCH];
             for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
@@ -341,7 +368,7 @@ mod tests {
                         let mut pixels = (-margin..4 + margin).flat_map(|i| (-margin..4 + margin).map(move |j| [i, j]));
                         pixels.any(|pixel| r(pixel) <= end)
                     };
-                    let met = masks[block] >> number & 1 == 1;
+                    let met = masks.of(block) >> number & 1 == 1;
                     prop_assert!(met || !any(0, end - 1e-3), "{level:?}: block {block} is missing");
                     prop_assert!(!met || any(2, end), "{level:?}: block {block} is too much");
                 }

@@ -5,7 +5,7 @@ use super::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
 use crate::camera::Projection;
 use crate::footprint::{Lens, Record, Rect};
 use crate::simd::*;
-use crate::tile::{BLOCK_SIDE, HALF_BLOCK, MAX_BLOCKS, Tile};
+use crate::tile::{BLOCK_SIDE, HALF_BLOCK, Tile};
 
 /// The steepest slope dz/dx that a surfel's plane is followed along: 88°.
 const STEEPEST: f32 = 30.0;
@@ -78,7 +78,7 @@ impl Surfels {
         facing_slope: [[0.0; BATCH]; 2],
         tolerance: [0.0; BATCH],
         index: [0; BATCH],
-        masks: [0; MAX_BLOCKS],
+        masks: BlockMasks::NONE,
     };
 
     /// Takes in up to [`BATCH`] records of a tile, with their rectangles and depth tolerances.
@@ -87,13 +87,16 @@ impl Surfels {
         &mut self,
         simd: S,
         (tile, lens): (Tile, &SurfelLens),
-        records: impl Iterator<Item = (u32, &'a Record, f32)>,
+        records: impl Iterator<Item = (u32, &'a Record, f32)> + Clone,
         rects: &[Rect],
     ) {
-        self.outlines.clear();
+        self.outlines.begin(records.clone().map(
+            #[inline(always)]
+            |(_, record, _)| record,
+        ));
         self.outlines.end = [lens.cutoff * HALF_LOG2_E; BATCH];
-        for (index, record, tolerance) in records.take(BATCH) {
-            let number = self.outlines.push(record);
+        for (number, (index, record, tolerance)) in records.enumerate().take(BATCH) {
+            self.outlines.set(number, record);
             for axis in 0..2 {
                 self.facing_slope[axis][number] = record.amplitude_slope[axis];
                 let tilt = record.amplitude_slope[axis] / record.amplitude;
