@@ -63,7 +63,6 @@ pub(crate) struct Compositor<'a> {
     pub(crate) records: &'a [Record],
     pub(crate) rects: &'a [Rect],
     pub(crate) lens: KernelLens,
-    pub(crate) near: f32,
     pub(crate) spent: f32,
     /// Whether the mean depth of what is seen is asked for.
     pub(crate) keeps_depth: bool,
@@ -149,8 +148,7 @@ impl Compositor<'_> {
             #[inline(always)]
             |number| &self.records[index(number)],
         );
-        kernels.fill(simd, (tile, &self.lens), records, |number| &self.rects[index(number)]);
-        kernels.place(simd, [self.near, cuts.hidden()]);
+        kernels.fill(simd, (tile, &self.lens, cuts.hidden()), records, |number| &self.rects[index(number)]);
     }
 
     /// Adds batches to the runs of a block; gives the number of kernels, and whether the block still sees anything.
@@ -169,7 +167,7 @@ impl Compositor<'_> {
             let mut todo = kernels.masks.of(here.block);
             let mut whole = kernels.whole;
             if todo != 0 && own_cuts.layers > 0 {
-                let limits = [self.near, own_cuts.nearest, own_cuts.hidden];
+                let limits = [self.lens.near, own_cuts.nearest, own_cuts.hidden];
                 let places = apart(
                     simd,
                     #[inline(always)]
@@ -251,21 +249,24 @@ impl Compositor<'_> {
         let color = kernels.color(number);
         let is_opacity = kernels.is_opacity(number);
         let tau = if is_opacity { optical_depth(simd, strength) } else { strength };
-        let inverse = W::simd_from(simd, 1.0) / sigma_z.max(W::simd_from(simd, 1e-20));
-        let mut from = W::simd_from(simd, self.near);
+        let inverse = reciprocal(simd, sigma_z.max(W::simd_from(simd, 1e-20)));
+        let mut from = W::simd_from(simd, self.lens.near);
         let mut before_from = share_before(simd, (from - depth) * inverse);
         let segments = cuts.block(here.block).segments;
         for (segment, blocks) in runs.segments[..segments].iter_mut().enumerate() {
             let seen = &mut blocks[here.block];
             let to = cuts.depth(segment, here.block).load(simd);
             let before_to = share_before(simd, (to - depth) * inverse);
-            let share = (before_to - before_from).max(W::simd_from(simd, 0.0));
-            let alpha = kernels.opacity(simd, number, tau * share);
-            let mut open = Seeing::load(simd, seen);
-            let shown = open.blend(simd, alpha, color);
-            open.store(seen);
-            if self.keeps_depth {
-                seen.depth.add_product(simd, shown, depth.max(from).min(to));
+            let own_tau = tau * (before_to - before_from);
+            let zero = W::simd_from(simd, 0.0);
+            if own_tau.simd_gt(zero).any_true() {
+                let alpha = kernels.opacity(simd, number, own_tau.max(zero));
+                let mut open = Seeing::load(simd, seen);
+                let shown = open.blend(simd, alpha, color);
+                open.store(seen);
+                if self.keeps_depth {
+                    seen.depth.add_product(simd, shown, depth.max(from).min(to));
+                }
             }
             (from, before_from) = (to, before_to);
         }

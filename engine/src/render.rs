@@ -175,8 +175,7 @@ impl Renderer {
             compositor: Compositor {
                 records: &volumes.records.records,
                 rects: &volumes.records.rects,
-                lens: KernelLens { lens, cutoff, least_alpha: settings.tolerance as f32 },
-                near,
+                lens: KernelLens { lens, near, cutoff, least_alpha: settings.tolerance as f32 },
                 spent,
                 keeps_depth: settings.channels == Channels::All,
             },

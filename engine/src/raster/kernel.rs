@@ -19,6 +19,7 @@ pub(crate) const REACH: f32 = 4.0;
 /// What volume records share.
 pub(crate) struct KernelLens {
     pub(crate) lens: Lens,
+    pub(crate) near: f32,
     /// Where r ends.
     pub(crate) cutoff: f32,
     /// `Opacity` kernels end where they fall below this.
@@ -76,17 +77,17 @@ impl Kernels {
         masks: BlockMasks::NONE,
     };
 
-    /// Takes in up to [`BATCH`] records of a tile, with their rectangles.
+    /// Takes in up to [`BATCH`] records of a tile, with their rectangles. Those behind `hidden_from` no block needs.
     #[inline(always)]
     pub(crate) fn fill<'a, S: Simd>(
         &mut self,
         simd: S,
-        (tile, lens): (Tile, &KernelLens),
+        (tile, lens, hidden_from): (Tile, &KernelLens, f32),
         records: impl Iterator<Item = &'a Record> + Clone,
         rect: impl Fn(usize) -> &'a Rect,
     ) {
         self.outlines.begin(records.clone());
-        (self.opacities, self.plain) = (0, 0);
+        (self.opacities, self.plain, self.whole) = (0, 0, 0);
         for (number, record) in records.enumerate().take(BATCH) {
             self.outlines.set(number, record);
             for (column, color) in self.color.iter_mut().zip(record.color) {
@@ -96,10 +97,14 @@ impl Kernels {
             self.opacities |= u64::from(record.tag.kind == Kind::Opacity) << number;
         }
         self.outlines.prepare(simd, tile);
+        let mut hidden = 0;
         for first in self.outlines.sixteens() {
             self.prepare(simd, lens, first);
+            let nearest = sixteen(simd, &self.outlines.depth, first) - sixteen(simd, &self.reach, first);
+            hidden |= nearest.simd_gt(W::simd_from(simd, hidden_from)).to_bitmask() << first;
+            self.whole |= nearest.simd_gt(W::simd_from(simd, lens.near)).to_bitmask() << first;
         }
-        self.masks = self.outlines.blocks(simd, tile, rect);
+        self.masks = self.outlines.blocks(simd, tile, !hidden, rect);
     }
 
     /// Finds what follows from sixteen records.
@@ -124,30 +129,19 @@ impl Kernels {
         // An opacity that is not seen at all was dropped: the logarithm is positive.
         let end = W::simd_from(simd, lens.cutoff * HALF_LOG2_E);
         let least = W::simd_from(simd, lens.least_alpha.max(f32::MIN_POSITIVE));
-        let own = log2(simd, opacity.select(amplitude, least) / least).max(zero);
+        let own =
+            log2(simd, opacity.select(amplitude, least) * (1.0 / lens.least_alpha.max(f32::MIN_POSITIVE)))
+                .max(zero);
         let end = opacity.select(own.min(end), end);
         end.store_slice(&mut self.outlines.end[range.clone()]);
         // Σ_zz is σ_z² and what the slope of the depth adds over the footprint, |M⁻ᵀ slope|².
         let [a, b, c] = sixteen_of(simd, &self.outlines.root, first);
         let slope = sixteen_of(simd, &self.outlines.depth_slope, first);
-        let x = slope[0] / a;
-        let y = (slope[1] - b * x) / c;
+        let x = slope[0] * reciprocal(simd, a);
+        let y = (slope[1] - b * x) * reciprocal(simd, c);
         let reach = (x.mul_add(x, y * y) * end).sqrt()
             + sixteen(simd, &self.outlines.sigma_z, first) * (1.25 * REACH);
         reach.store_slice(&mut self.reach[range]);
-    }
-
-    /// Finds which records lie wholly behind the near plane, and leaves out those that lie behind a depth.
-    #[inline(always)]
-    pub(crate) fn place<S: Simd>(&mut self, simd: S, [near, hidden]: [f32; 2]) {
-        let (mut behind, mut whole) = (0, 0);
-        for first in (0..BATCH).step_by(16) {
-            let nearest = sixteen(simd, &self.outlines.depth, first) - sixteen(simd, &self.reach, first);
-            behind |= nearest.simd_gt(W::simd_from(simd, hidden)).to_bitmask() << first;
-            whole |= nearest.simd_gt(W::simd_from(simd, near)).to_bitmask() << first;
-        }
-        self.whole = whole;
-        self.masks.keep(!behind);
     }
 
     /// Sets of records by where they are in the block with a corner: hidden behind a depth, wholly between two others.

@@ -150,16 +150,21 @@ impl Outlines {
         Offsets::new(simd, pixels, ([x[number], y[number]], [a[number], b[number], c[number]]))
     }
 
-    /// The blocks that each record needs: those that its ellipse meets, and where perspective makes none of it, those of
+    /// The blocks that each record of a set needs: those that its ellipse meets, and where perspective makes none of it, those of
     /// its rectangle.
     #[inline(always)]
     pub(crate) fn blocks<'a, S: Simd>(
         &self,
         simd: S,
         tile: Tile,
+        kept: u64,
         rect: impl Fn(usize) -> &'a Rect,
     ) -> BlockMasks {
         let (mut masks, mut open) = (BlockMasks::NONE, 0);
+        let kept = kept & u64::MAX.checked_shr((BATCH - self.count) as u32).unwrap_or(0);
+        if kept == 0 {
+            return masks;
+        }
         for first in self.sixteens() {
             let mut ellipses = Ellipses {
                 mean: sixteen_of(simd, &self.mean, first),
@@ -172,9 +177,8 @@ impl Outlines {
             }
             ellipses.meet(simd, tile, first, &mut masks);
         }
-        let listed = u64::MAX.checked_shr((BATCH - self.count) as u32).unwrap_or(0);
-        open &= listed;
-        masks.keep(listed & !open);
+        open &= kept;
+        masks.keep(kept & !open);
         for number in (0..self.count).filter(|number| open >> number & 1 != 0) {
             masks.add_rect(number, rect(number), tile);
         }
@@ -351,7 +355,7 @@ mod tests {
                 let masks = dispatch!(level, simd => {
                     let mut outlines = outlines;
                     outlines.prepare(simd, tile);
-                    outlines.blocks(simd, tile, |_| unreachable!("every ellipse is one"))
+                    outlines.blocks(simd, tile, u64::MAX, |_| unreachable!("every ellipse is one"))
                 });
                 for block in 0..tile.blocks() {
                     let corner = tile.corner(block);

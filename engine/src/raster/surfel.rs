@@ -108,7 +108,7 @@ impl Surfels {
         }
         self.outlines.prepare(simd, tile);
         let index = &self.index;
-        self.masks = self.outlines.blocks(simd, tile, |number| &rects[index[number] as usize]);
+        self.masks = self.outlines.blocks(simd, tile, u64::MAX, |number| &rects[index[number] as usize]);
     }
 
     /// Whether a record shows its back in the block with a corner; `None` where it shows both sides.
