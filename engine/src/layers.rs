@@ -404,9 +404,11 @@ impl LayerBuilder<'_> {
         let normal = normalize_or_zero(simd, normal);
         cut.depth.store(found.select(sums.depth.mul_add(inverse, peel.depth), infinity));
         cut.alpha.store(found.select(alpha, zero));
-        for axis in 0..3 {
-            cut.color[axis].store(sums.color[axis] * inverse);
-            cut.normal[axis].store(found.select(normal[axis], zero));
+        for (plane, sum) in cut.color.iter_mut().zip(sums.color) {
+            plane.store(sum * inverse);
+        }
+        for (plane, normal) in cut.normal.iter_mut().zip(normal) {
+            plane.store(found.select(normal, zero));
         }
         cut.record = found.select(peel.record, no_record).into();
         let goes_on = found & seen.simd_gt(W::simd_from(simd, self.spent));

@@ -233,8 +233,8 @@ impl<S: Simd> Ellipses<S> {
         let own_end = end - end * (x.mul_add(center[0], y * center[1]));
         let own_a = xx.sqrt();
         let root = [own_a, xy / own_a, (area / xx).sqrt()];
-        for axis in 0..2 {
-            self.mean[axis] = exact.select(self.mean[axis] + center[axis], self.mean[axis]);
+        for (mean, center) in self.mean.iter_mut().zip(center) {
+            *mean = exact.select(*mean + center, *mean);
         }
         for (root, own) in self.root.iter_mut().zip(root) {
             *root = exact.select(own, *root);
