@@ -32,6 +32,8 @@ pub(crate) struct Kernels {
     outlines: Outlines,
     /// α as a polynomial of w = e^{−r/2} without constant term, where a kernel is plain.
     alpha: [Column; 3],
+    /// −kr where they end.
+    least: Column,
     color: [Column; 3],
     amplitude: Column,
     /// How far they reach along z from their centres, anywhere in the picture: to the end of their ellipsoids, and
@@ -68,6 +70,7 @@ impl Kernels {
     pub(crate) const NONE: Self = Self {
         outlines: Outlines::NONE,
         alpha: [[0.0; BATCH]; 3],
+        least: [0.0; BATCH],
         color: [[0.0; BATCH]; 3],
         amplitude: [0.0; BATCH],
         reach: [0.0; BATCH],
@@ -134,6 +137,7 @@ impl Kernels {
                 .max(zero);
         let end = opacity.select(own.min(end), end);
         end.store_slice(&mut self.outlines.end[range.clone()]);
+        (-end).store_slice(&mut self.least[range.clone()]);
         // Σ_zz is σ_z² and what the slope of the depth adds over the footprint, |M⁻ᵀ slope|².
         let [a, b, c] = sixteen_of(simd, &self.outlines.root, first);
         let slope = sixteen_of(simd, &self.outlines.depth_slope, first);
@@ -175,8 +179,7 @@ impl Kernels {
     /// 2^x down to where the kernel ends, 0 beyond.
     #[inline(always)]
     fn weight<S: Simd>(&self, simd: S, number: usize, exponent: W<S>) -> W<S> {
-        let is_within = exponent.simd_ge(W::simd_from(simd, -self.outlines.end[number]));
-        is_within.select(exp2_coarse(simd, exponent), W::simd_from(simd, 0.0))
+        exp2_from(simd, exponent, self.least[number])
     }
 
     #[inline(always)]

@@ -208,7 +208,7 @@ impl Surfels {
             Some(den) => self.exact_facing(simd, number, pixels).abs() * inverse_root(simd, den),
             None => W::simd_from(simd, self.facing[number].abs()),
         };
-        exp2_coarse(simd, sample.exponent) * peak
+        exp2_from(simd, sample.exponent, -self.outlines.end[number]) * peak
     }
 
     /// For each record of the batch between which depths the spans of samples begin in the block with a corner, less
