@@ -199,7 +199,8 @@ impl LayerBuilder<'_> {
             if rest == 0 {
                 continue;
             }
-            surfels.bounds(simd, corner, &self.lens, [&mut nearest, &mut seen_from, &mut farthest]);
+            let bounds = [&mut nearest, &mut seen_from, &mut farthest];
+            surfels.bounds(simd, (corner, rest), &self.lens, bounds);
             while rest != 0 {
                 let number = rest.trailing_zeros() as usize % BATCH;
                 rest &= rest - 1;
@@ -231,6 +232,9 @@ impl LayerBuilder<'_> {
             || self.list(simd, (block, corner), buffers),
         );
         let LayerBuffers { batches, listed, .. } = buffers;
+        if listed.is_empty() {
+            return 0;
+        }
         let infinity = W::simd_from(simd, f32::INFINITY);
         let wanted = tile.inside(simd, block).select(infinity, -infinity);
         let no_record = u32x16::simd_from(simd, Cut::NO_RECORD);

@@ -211,19 +211,19 @@ impl Surfels {
         exp2_from(simd, sample.exponent, -self.outlines.end[number]) * peak
     }
 
-    /// For each record of the batch between which depths the spans of samples begin in the block with a corner, less
+    /// For each record of a set, at least, between which depths the spans of samples begin in the block with a corner, less
     /// 3σ_z, and how deep samples are at least.
     #[inline(always)]
     pub(crate) fn bounds<S: Simd>(
         &self,
         simd: S,
-        corner: [f32; 2],
+        (corner, set): ([f32; 2], u64),
         lens: &SurfelLens,
         [nearest, seen_from, farthest]: [&mut Column; 3],
     ) {
         let infinity = W::simd_from(simd, f32::INFINITY);
         let one = W::simd_from(simd, 1.0);
-        for first in (0..BATCH).step_by(16) {
+        for first in (0..BATCH).step_by(16).filter(|first| set >> first & 0xffff != 0) {
             let [x, y] = sixteen_of(simd, &self.outlines.mean, first);
             let middle = [
                 W::simd_from(simd, corner[0] + HALF_BLOCK) - x,
