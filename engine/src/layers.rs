@@ -12,8 +12,7 @@
 use crate::cloud::Cloud;
 use crate::columns::Kind;
 use crate::cuts::{Cut, Cuts, MAX_LAYERS};
-use crate::footprint::{Record, Rect, SurfaceSample};
-use crate::raster::{BATCH, SurfelLens, Surfels};
+use crate::raster::{BATCH, Surfaces, Surfel, SurfelLens, Surfels};
 use crate::simd::*;
 use crate::tile::{PIXELS, Tile, pixels};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -122,11 +121,8 @@ struct Listed {
 
 /// Turns a tile's surface records into cuts. Behind a transmittance of `spent` nothing is kept.
 pub(crate) struct LayerBuilder<'a> {
-    pub(crate) records: &'a [Record],
-    pub(crate) rects: &'a [Rect],
-    pub(crate) samples: &'a [SurfaceSample],
+    pub(crate) surfaces: Surfaces<'a>,
     pub(crate) lens: SurfelLens,
-    pub(crate) depth_tolerances: &'a [f32],
     pub(crate) spent: f32,
 }
 
@@ -176,15 +172,11 @@ impl LayerBuilder<'_> {
         *used = list.len().div_ceil(BATCH);
         batches.resize_with((*used).max(batches.len()), || Surfels::NONE);
         for (list, batch) in list.chunks(BATCH).zip(batches) {
-            let records = list.iter().map(
+            let numbers = list.iter().map(
                 #[inline(always)]
-                |entry| {
-                    let index = entry.load(Ordering::Relaxed);
-                    let record = &self.records[index as usize];
-                    (index, record, self.depth_tolerances[record.tag.cloud as usize])
-                },
+                |entry| entry.load(Ordering::Relaxed),
             );
-            batch.fill(simd, (tile, &self.lens), records, self.rects);
+            batch.fill(simd, (tile, &self.lens), numbers, self.surfaces);
         }
     }
 
@@ -304,17 +296,17 @@ impl LayerBuilder<'_> {
                 continue;
             }
             evaluated += 1;
-            let (surfels, number) = candidate.of(batches);
-            let sample = surfels.sample(simd, number, here.pixels, &self.lens);
+            let surfel = candidate.of(batches);
+            let sample = surfel.sample(simd, here.pixels, &self.lens);
             let nearer = sample.inside & sample.depth.simd_lt(peel.depth);
             if !nearer.any_true() {
                 continue;
             }
-            let spans = surfels.spans(simd, (number, &sample), here.pixels, &self.lens);
+            let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
             let nearer = nearer & spans.nearest.simd_gt(peel.previous);
             peel.depth = nearer.select(sample.depth, peel.depth);
-            peel.limit = nearer.select(spans.farthest + surfels.tolerance[number], peel.limit);
-            peel.record = nearer.select(u32x16::simd_from(simd, surfels.index[number]), peel.record);
+            peel.limit = nearer.select(spans.farthest + surfel.tolerance, peel.limit);
+            peel.record = nearer.select(u32x16::simd_from(simd, surfel.index), peel.record);
             deepest = peel.depth.reduce_max();
         }
         listed.truncate(kept);
@@ -335,33 +327,32 @@ impl LayerBuilder<'_> {
         let is_behind = peel.previous.simd_gt(-infinity);
         let mut evaluated = 0;
         for candidate in listed.iter().filter(|candidate| candidate.nearest <= farthest) {
-            let (surfels, number) = candidate.of(batches);
+            let surfel = candidate.of(batches);
             evaluated += 1;
-            let mut sample = surfels.sample(simd, number, here.pixels, &self.lens);
+            let mut sample = surfel.sample(simd, here.pixels, &self.lens);
             // Only where what is seen lies behind the limit it matters where the plane is.
-            let begins = surfels.begins(simd, number, &sample);
+            let begins = surfel.begins(simd, &sample);
             if (sample.inside & (begins.simd_gt(peel.limit) | is_behind)).any_true() {
-                let spans = surfels.spans(simd, (number, &sample), here.pixels, &self.lens);
+                let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
                 sample.inside &= spans.nearest.simd_gt(peel.previous) & spans.nearest.simd_le(peel.limit);
             }
             if !sample.inside.any_true() {
                 continue;
             }
-            let index = surfels.index[number] as usize;
-            let SurfaceSample { normal, opacity, .. } = self.samples[index];
-            let weight = sample.inside.select(surfels.weight(simd, (number, &sample), here.pixels), zero);
+            let Surfel { normal, color, opacity, .. } = *surfel;
+            let weight = sample.inside.select(surfel.weight(simd, &sample, here.pixels, &self.lens), zero);
             // Where no sample was found the difference is infinite.
             let behind = sample.inside.select(sample.depth - peel.depth, zero);
             sums.depth = behind.mul_add(weight, sums.depth);
             sums.clear = weight.mul_add(W::simd_from(simd, 1.0 - opacity), sums.clear);
-            for (sum, own) in sums.color.iter_mut().zip(self.records[index].color) {
+            for (sum, own) in sums.color.iter_mut().zip(color) {
                 *sum = weight.mul_add(W::simd_from(simd, own), *sum);
             }
-            match surfels.faces_away(number, here.corner) {
+            match surfel.faces_away(here.corner) {
                 Some(false) => sums.sides[0].add(simd, normal, weight),
                 Some(true) => sums.sides[1].add(simd, normal, weight),
                 None => {
-                    let facing = surfels.exact_facing(simd, number, here.pixels);
+                    let facing = surfel.exact_facing(simd, here.pixels);
                     let back = facing.simd_gt(zero).select(weight, zero);
                     sums.sides[0].add(simd, normal, weight - back);
                     sums.sides[1].add(simd, normal, back);
@@ -425,10 +416,9 @@ impl LayerBuilder<'_> {
 }
 
 impl Listed {
-    /// Its batch, and its number there.
     #[inline(always)]
-    fn of(self, batches: &[Surfels]) -> (&Surfels, usize) {
-        (&batches[self.batch as usize], self.number as usize % BATCH)
+    fn of(self, batches: &[Surfels]) -> &Surfel {
+        batches[self.batch as usize].get(self.number as usize)
     }
 }
 

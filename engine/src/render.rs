@@ -10,7 +10,7 @@ use crate::frame::{Channels, Frame, FrameRows};
 use crate::layers::{LayerBuffers, LayerBuilder, depth_tolerances};
 use crate::observer::{Counts, Observer, Stage};
 use crate::order::{Sorter, gather};
-use crate::raster::{KernelLens, SurfelLens};
+use crate::raster::{KernelLens, Surfaces, SurfelLens};
 use crate::resolve::Resolver;
 use crate::scene::{RenderSettings, Scene};
 use crate::shade::Shader;
@@ -165,11 +165,8 @@ impl Renderer {
         let Records { records, rects, samples, .. } = &surfaces.records;
         let drawer = TileDrawer {
             layers: LayerBuilder {
-                records,
-                rects,
-                samples,
+                surfaces: Surfaces { records, rects, samples, depth_tolerances },
                 lens: SurfelLens::new(&lens, near, cutoff),
-                depth_tolerances,
                 spent,
             },
             compositor: Compositor {

@@ -10,4 +10,4 @@ mod surfel;
 
 pub(crate) use kernel::{Fragments, KernelLens, Kernels, REACH};
 pub(crate) use outline::BATCH;
-pub(crate) use surfel::{SurfelLens, Surfels};
+pub(crate) use surfel::{Surfaces, Surfel, SurfelLens, Surfels};

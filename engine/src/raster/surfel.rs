@@ -1,9 +1,9 @@
 //! Surface records to samples with a plane at the pixels of a block.
 
-use super::offsets::{Exact, HALF_LOG2_E};
+use super::offsets::{Exact, HALF_LOG2_E, Offsets, ROOT_HALF_LOG2_E};
 use super::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
 use crate::camera::Projection;
-use crate::footprint::{Lens, Record, Rect};
+use crate::footprint::{Form, Lens, Record, Rect, SurfaceSample};
 use crate::simd::*;
 use crate::tile::{BLOCK_SIDE, HALF_BLOCK, Tile};
 
@@ -27,6 +27,12 @@ impl SurfelLens {
         Self { near, cutoff, is_perspective, farthest_offset: STEEPEST * filter_reach }
     }
 
+    /// −kr where splats end.
+    #[inline(always)]
+    fn end(&self) -> f32 {
+        -self.cutoff * HALF_LOG2_E
+    }
+
     /// d_z, or 1 where rays are parallel.
     #[inline(always)]
     fn zeta<S: Simd>(&self, simd: S, depth: W<S>) -> W<S> {
@@ -34,20 +40,49 @@ impl SurfelLens {
     }
 }
 
+/// The surface records of a picture.
+#[derive(Clone, Copy)]
+pub(crate) struct Surfaces<'a> {
+    pub(crate) records: &'a [Record],
+    pub(crate) rects: &'a [Rect],
+    pub(crate) samples: &'a [SurfaceSample],
+    /// One a cloud.
+    pub(crate) depth_tolerances: &'a [f32],
+}
+
 /// Surface records of a tile, as many as go together, and what follows from them.
 #[repr(C, align(64))]
 pub(crate) struct Surfels {
     outlines: Outlines,
-    /// n·v over the coverage floor; negative where the front is seen.
-    facing: Column,
-    /// Change of n·v a pixel, over n·v at the mean; 0 where the surfel is seen edge-on.
     tilt: [Column; 2],
-    /// And not divided, for the exact form.
-    facing_slope: [Column; 2],
-    pub(crate) tolerance: Column,
-    pub(crate) index: [u32; BATCH],
+    each: [Surfel; BATCH],
     /// Those that each block needs.
     pub(crate) masks: BlockMasks,
+}
+
+/// A surface record as the pixels of a tile see it. Blocks take few of a batch: what they need of one lies together.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub(crate) struct Surfel {
+    /// From the centre of the tile's first pixel.
+    mean: [f32; 2],
+    /// √k M.
+    root: [f32; 3],
+    depth: f32,
+    depth_slope: [f32; 2],
+    sigma_z: f32,
+    /// n·v over the coverage floor; negative where the front is seen.
+    facing: f32,
+    /// Its change a pixel.
+    facing_slope: [f32; 2],
+    /// And over n·v at the mean; 0 where the surfel is seen edge-on.
+    tilt: [f32; 2],
+    pub(crate) tolerance: f32,
+    pub(crate) index: u32,
+    pub(crate) color: [f32; 3],
+    pub(crate) normal: [f32; 3],
+    pub(crate) opacity: f32,
+    is_exact: bool,
 }
 
 /// A surface at pixels, seen by one splat.
@@ -70,89 +105,96 @@ pub(crate) struct Spans<S: Simd> {
     pub(crate) farthest: W<S>,
 }
 
-impl Surfels {
-    pub(crate) const NONE: Self = Self {
-        outlines: Outlines::NONE,
-        facing: [0.0; BATCH],
-        tilt: [[0.0; BATCH]; 2],
-        facing_slope: [[0.0; BATCH]; 2],
-        tolerance: [0.0; BATCH],
-        index: [0; BATCH],
-        masks: BlockMasks::NONE,
+impl Surfel {
+    const NONE: Self = Self {
+        mean: [0.0; 2],
+        root: [1.0; 3],
+        depth: 1.0,
+        depth_slope: [0.0; 2],
+        sigma_z: 0.0,
+        facing: 0.0,
+        facing_slope: [0.0; 2],
+        tilt: [0.0; 2],
+        tolerance: 0.0,
+        index: 0,
+        color: [0.0; 3],
+        normal: [0.0; 3],
+        opacity: 1.0,
+        is_exact: false,
     };
 
-    /// Takes in up to [`BATCH`] records of a tile, with their rectangles and depth tolerances.
+    /// A record, its sample, its number among all, and its cloud's depth tolerance.
     #[inline(always)]
-    pub(crate) fn fill<'a, S: Simd>(
-        &mut self,
-        simd: S,
-        (tile, lens): (Tile, &SurfelLens),
-        records: impl Iterator<Item = (u32, &'a Record, f32)> + Clone,
-        rects: &[Rect],
-    ) {
-        self.outlines.begin(records.clone().map(
-            #[inline(always)]
-            |(_, record, _)| record,
-        ));
-        self.outlines.end = [lens.cutoff * HALF_LOG2_E; BATCH];
-        for (number, (index, record, tolerance)) in records.enumerate().take(BATCH) {
-            self.outlines.set(number, record);
-            for axis in 0..2 {
-                self.facing_slope[axis][number] = record.amplitude_slope[axis];
-                let tilt = record.amplitude_slope[axis] / record.amplitude;
-                self.tilt[axis][number] = if tilt.is_finite() { tilt } else { 0.0 };
-            }
-            self.facing[number] = record.amplitude;
-            self.tolerance[number] = tolerance;
-            self.index[number] = index;
+    fn new(tile: Tile, record: &Record, sample: &SurfaceSample, (index, tolerance): (u32, f32)) -> Self {
+        let per_facing = 1.0 / record.amplitude;
+        let per_facing = if per_facing.is_finite() { per_facing } else { 0.0 };
+        Self {
+            mean: [0, 1].each(
+                #[inline(always)]
+                |axis| record.mean[axis] - (tile.origin[axis] as f32 + 0.5),
+            ),
+            root: record.conic_root.each(
+                #[inline(always)]
+                |root| root * ROOT_HALF_LOG2_E,
+            ),
+            depth: record.depth,
+            depth_slope: record.depth_slope,
+            sigma_z: record.sigma_z,
+            facing: record.amplitude,
+            facing_slope: record.amplitude_slope,
+            tilt: record.amplitude_slope.each(
+                #[inline(always)]
+                |slope| slope * per_facing,
+            ),
+            tolerance,
+            index,
+            color: record.color,
+            normal: sample.normal,
+            opacity: sample.opacity,
+            is_exact: record.tag.form == Form::Exact,
         }
-        self.outlines.prepare(simd, tile);
-        let index = &self.index;
-        self.masks = self.outlines.blocks(simd, tile, u64::MAX, |number| &rects[index[number] as usize]);
     }
 
-    /// Whether a record shows its back in the block with a corner; `None` where it shows both sides.
     #[inline(always)]
-    pub(crate) fn faces_away(&self, number: usize, corner: [f32; 2]) -> Option<bool> {
-        let facing = self.facing[number];
-        if !self.outlines.is_exact(number) {
-            return Some(facing > 0.0);
+    fn offsets<S: Simd>(&self, simd: S, pixels: [W<S>; 2]) -> Offsets<S> {
+        Offsets::new(simd, pixels, (self.mean, self.root))
+    }
+
+    /// Whether its back is seen in the block with a corner; `None` where both sides are.
+    #[inline(always)]
+    pub(crate) fn faces_away(&self, corner: [f32; 2]) -> Option<bool> {
+        if !self.is_exact {
+            return Some(self.facing > 0.0);
         }
         let at = |axis: usize| {
-            let slope = self.facing_slope[axis][number];
-            let middle = corner[axis] + HALF_BLOCK - self.outlines.mean[axis][number];
+            let slope = self.facing_slope[axis];
+            let middle = corner[axis] + HALF_BLOCK - self.mean[axis];
             [slope * middle, slope.abs() * BLOCK_SIDE as f32 / 2.0]
         };
         let [[rise_x, half_x], [rise_y, half_y]] = [at(0), at(1)];
-        let (middle, half) = (facing + rise_x + rise_y, half_x + half_y);
+        let (middle, half) = (self.facing + rise_x + rise_y, half_x + half_y);
         (middle.abs() > half).then_some(middle > 0.0)
     }
 
-    /// A record at pixels.
+    /// What pixels see of it.
     #[inline(always)]
-    pub(crate) fn sample<S: Simd>(
-        &self,
-        simd: S,
-        number: usize,
-        pixels: [W<S>; 2],
-        lens: &SurfelLens,
-    ) -> Sample<S> {
-        let offsets = self.outlines.offsets(simd, number, pixels);
-        let plane = self.outlines.plane(number);
-        let (exponent, depth, den) = if self.outlines.is_exact(number) {
+    pub(crate) fn sample<S: Simd>(&self, simd: S, pixels: [W<S>; 2], lens: &SurfelLens) -> Sample<S> {
+        let offsets = self.offsets(simd, pixels);
+        let (exponent, depth, den) = if self.is_exact {
+            let plane = (self.depth, self.depth_slope, self.sigma_z);
             let Exact { exponent, depth, den } = Exact::new(simd, &offsets, plane);
             (exponent, depth, Some(den))
         } else {
-            (offsets.exponent, offsets.linear(simd, plane.0, plane.1), None)
+            (offsets.exponent, offsets.linear(simd, self.depth, self.depth_slope), None)
         };
-        let (end, near) = (W::simd_from(simd, -self.outlines.end[number]), W::simd_from(simd, lens.near));
+        let (end, near) = (W::simd_from(simd, lens.end()), W::simd_from(simd, lens.near));
         Sample { inside: exponent.simd_ge(end) & depth.simd_gt(near), depth, exponent, den }
     }
 
     /// z less 3σ_z. Spans begin there or nearer.
     #[inline(always)]
-    pub(crate) fn begins<S: Simd>(&self, simd: S, number: usize, sample: &Sample<S>) -> W<S> {
-        let reach = W::simd_from(simd, -3.0 * self.outlines.sigma_z[number]);
+    pub(crate) fn begins<S: Simd>(&self, simd: S, sample: &Sample<S>) -> W<S> {
+        let reach = W::simd_from(simd, -3.0 * self.sigma_z);
         match sample.den {
             Some(den) => inverse_root(simd, den).mul_add(reach, sample.depth),
             None => sample.depth + reach,
@@ -161,9 +203,8 @@ impl Surfels {
 
     /// n·v over the coverage floor in the exact form.
     #[inline(always)]
-    pub(crate) fn exact_facing<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
-        let slope = [self.facing_slope[0][number], self.facing_slope[1][number]];
-        self.outlines.offsets(simd, number, pixels).linear(simd, self.facing[number], slope)
+    pub(crate) fn exact_facing<S: Simd>(&self, simd: S, pixels: [W<S>; 2]) -> W<S> {
+        self.offsets(simd, pixels).linear(simd, self.facing, self.facing_slope)
     }
 
     /// Where the plane is. For a surfel that fills the pixel's filter it is where the sample is; a smaller one the
@@ -172,26 +213,25 @@ impl Surfels {
     pub(crate) fn spans<S: Simd>(
         &self,
         simd: S,
-        (number, sample): (usize, &Sample<S>),
+        sample: &Sample<S>,
         pixels: [W<S>; 2],
         lens: &SurfelLens,
     ) -> Spans<S> {
-        let depth = W::simd_from(simd, self.outlines.depth[number]);
+        let depth = W::simd_from(simd, self.depth);
         let zeta = lens.zeta(simd, depth);
         let limit = zeta.abs() * lens.farthest_offset;
         let zero = W::simd_from(simd, 0.0);
         // n·v at the pixel less that at the mean, over that at the pixel; over that at the mean where rays are parallel.
         let change = if sample.den.is_some() {
-            let facing = self.exact_facing(simd, number, pixels);
-            (facing - self.facing[number]) * reciprocal(simd, facing)
+            let facing = self.exact_facing(simd, pixels);
+            (facing - self.facing) * reciprocal(simd, facing)
         } else {
-            let tilt = [self.tilt[0][number], self.tilt[1][number]];
-            let change = self.outlines.offsets(simd, number, pixels).linear(simd, 0.0, tilt);
+            let change = self.offsets(simd, pixels).linear(simd, 0.0, self.tilt);
             if lens.is_perspective { change * reciprocal(simd, change + 1.0) } else { change }
         };
         let offset = change.mul_add(-zeta, depth - sample.depth).max(-limit).min(limit);
         Spans {
-            nearest: self.begins(simd, number, sample) + offset.min(zero),
+            nearest: self.begins(simd, sample) + offset.min(zero),
             farthest: sample.depth + offset.max(zero),
         }
     }
@@ -201,14 +241,58 @@ impl Surfels {
     pub(crate) fn weight<S: Simd>(
         &self,
         simd: S,
-        (number, sample): (usize, &Sample<S>),
+        sample: &Sample<S>,
         pixels: [W<S>; 2],
+        lens: &SurfelLens,
     ) -> W<S> {
         let peak = match sample.den {
-            Some(den) => self.exact_facing(simd, number, pixels).abs() * inverse_root(simd, den),
-            None => W::simd_from(simd, self.facing[number].abs()),
+            Some(den) => self.exact_facing(simd, pixels).abs() * inverse_root(simd, den),
+            None => W::simd_from(simd, self.facing.abs()),
         };
-        exp2_from(simd, sample.exponent, -self.outlines.end[number]) * peak
+        exp2_from(simd, sample.exponent, lens.end()) * peak
+    }
+}
+
+impl Surfels {
+    pub(crate) const NONE: Self = Self {
+        outlines: Outlines::NONE,
+        tilt: [[0.0; BATCH]; 2],
+        each: [Surfel::NONE; BATCH],
+        masks: BlockMasks::NONE,
+    };
+
+    /// Takes in up to [`BATCH`] records of a tile, by their numbers, with their clouds' depth tolerances.
+    #[inline(always)]
+    pub(crate) fn fill<S: Simd>(
+        &mut self,
+        simd: S,
+        (tile, lens): (Tile, &SurfelLens),
+        numbers: impl Iterator<Item = u32> + Clone,
+        surfaces: Surfaces,
+    ) {
+        self.outlines.begin(numbers.clone().map(
+            #[inline(always)]
+            |index| &surfaces.records[index as usize],
+        ));
+        self.outlines.end = [lens.cutoff * HALF_LOG2_E; BATCH];
+        for (number, index) in numbers.enumerate().take(BATCH) {
+            let (record, sample) = (&surfaces.records[index as usize], &surfaces.samples[index as usize]);
+            let tolerance = surfaces.depth_tolerances[record.tag.cloud as usize];
+            self.outlines.set(number, record);
+            let surfel = Surfel::new(tile, record, sample, (index, tolerance));
+            for (column, tilt) in self.tilt.iter_mut().zip(surfel.tilt) {
+                column[number] = tilt;
+            }
+            self.each[number] = surfel;
+        }
+        self.outlines.prepare(simd, tile);
+        let rect = |number: usize| &surfaces.rects[self.each[number].index as usize];
+        self.masks = self.outlines.blocks(simd, tile, u64::MAX, rect);
+    }
+
+    #[inline(always)]
+    pub(crate) fn get(&self, number: usize) -> &Surfel {
+        &self.each[number % BATCH]
     }
 
     /// For each record of a set, at least, between which depths the spans of samples begin in the block with a corner, less
