@@ -42,9 +42,25 @@ pub enum Strength {
     Opacity {
         /// A peak opacity for each splat.
         peaks: Vec<f32>,
+        /// What they are where the pixel's low-pass filter widens a splat.
+        filter: OpacityFilter,
     },
     /// Surface samples.
     Surface(Surface),
+}
+
+/// Whether the pixel's low-pass filter dims a kernel of given peak opacity that it widens. Trained opacities are right with
+/// what they were trained with; for kernels of many pixels both are the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OpacityFilter {
+    /// Peaks stay: however small it is, a kernel covers a pixel or two with its whole opacity. Kerbl, Kopanas,
+    /// Leimkühler, Drettakis, *3D Gaussian Splatting for Real-Time Radiance Field Rendering*, 2023, whose programs
+    /// add 0.3 px² to the projected variances.
+    Classic,
+    /// Peaks fall by √(|V| / |V'|), with V the covariance in the picture and V' the widened one, so that opacity times
+    /// area stays. Yu, Chen, Huang, Sattler, Geiger, *Mip-Splatting: Alias-free 3D Gaussian Splatting*, 2024:
+    /// its 2D Mip filter.
+    Compensated,
 }
 
 /// What makes a cloud's splats samples of a surface.
@@ -304,7 +320,7 @@ fn validate(splats: &Splats) -> Result<(), CloudError> {
         Strength::Extinction { masses } => {
             range("masses", masses, f32::MAX, "a mass is finite and at least 0")
         }
-        Strength::Opacity { peaks } => range("peaks", peaks, 1.0, "an opacity is from 0 to 1"),
+        Strength::Opacity { peaks, filter: _ } => range("peaks", peaks, 1.0, "an opacity is from 0 to 1"),
         Strength::Surface(surface) => {
             range("areas", &surface.areas, f32::MAX, "an area is finite and at least 0")?;
             if let Some(opacities) = &surface.opacities {

@@ -6,7 +6,7 @@ use crate::file::File;
 use crate::{ImportError, Place};
 use glam::{DMat3, DQuat, DVec3, Mat3, Vec3};
 use oblate_engine::color::srgb_to_linear;
-use oblate_engine::{Harmonics, Material, Shapes, Splats, Strength};
+use oblate_engine::{Harmonics, Material, OpacityFilter, Shapes, Splats, Strength};
 use rayon::prelude::*;
 
 /// What every splat has, in the order of a record; after it come the filter and the harmonics.
@@ -95,7 +95,7 @@ fn read_vertices(file: &File, body: Body<'_>, element: &Element) -> Result<Splat
     Ok(Splats {
         centers,
         shapes: Shapes::Each(factors),
-        strength: Strength::Opacity { peaks },
+        strength: Strength::Opacity { peaks, filter: layout.filter() },
         colors,
         harmonics: (layout.degree > 0).then_some(Harmonics { degree: layout.degree, coefficients }),
         normals: None,
@@ -160,6 +160,11 @@ impl Layout {
         }
         let ranges = (0..names.len()).map(range).collect();
         Ok(Self { names, ranges, places, degree: degree as u8, per_splat: numbered / 3 })
+    }
+
+    /// What the opacities were trained with: programs that write filters dim what a pixel widens, others do not.
+    fn filter(&self) -> OpacityFilter {
+        if self.places.contains(&Some(FILTER)) { OpacityFilter::Compensated } else { OpacityFilter::Classic }
     }
 
     /// That a splat can be made of a record.
