@@ -45,14 +45,34 @@ pub(super) fn read(file: &File, header: &Header) -> Result<Splats, ImportError> 
     let mut body = Body::new(file, header);
     for element in &header.elements {
         if element.name == "vertex" {
-            return read_vertices(file, body, element);
+            return read_vertices(file, body, element, trained_filter(header, element));
         }
         drop(body.gather::<f32>(element, &[])?);
     }
     Err(file.malformed(Place::Whole, "splats need an element \"vertex\""))
 }
 
-fn read_vertices(file: &File, body: Body<'_>, element: &Element) -> Result<Splats, ImportError> {
+/// What the opacities were trained with: the last comment that says so, or else whether splats have filters.
+fn trained_filter(header: &Header, element: &Element) -> OpacityFilter {
+    let said = |(_, comment): &(usize, String)| {
+        let words: Vec<&str> = comment.split_whitespace().collect();
+        match words[..] {
+            ["SplatRenderMode:", "default"] | ["antialiased", "0"] => Some(OpacityFilter::Classic),
+            ["SplatRenderMode:", "mip"] | ["antialiased", "1"] => Some(OpacityFilter::Compensated),
+            _ => None,
+        }
+    };
+    let has_filters = element.kind("filter_3D").is_some();
+    let unsaid = if has_filters { OpacityFilter::Compensated } else { OpacityFilter::Classic };
+    header.comments.iter().rev().find_map(said).unwrap_or(unsaid)
+}
+
+fn read_vertices(
+    file: &File,
+    body: Body<'_>,
+    element: &Element,
+    filter: OpacityFilter,
+) -> Result<Splats, ImportError> {
     let layout = Layout::new(file, element)?;
     let count = element.rows;
     let (bodies, rows) = body.split(element, ROWS)?;
@@ -95,7 +115,7 @@ fn read_vertices(file: &File, body: Body<'_>, element: &Element) -> Result<Splat
     Ok(Splats {
         centers,
         shapes: Shapes::Each(factors),
-        strength: Strength::Opacity { peaks, filter: layout.filter() },
+        strength: Strength::Opacity { peaks, filter },
         colors,
         harmonics: (layout.degree > 0).then_some(Harmonics { degree: layout.degree, coefficients }),
         normals: None,
@@ -160,11 +180,6 @@ impl Layout {
         }
         let ranges = (0..names.len()).map(range).collect();
         Ok(Self { names, ranges, places, degree: degree as u8, per_splat: numbered / 3 })
-    }
-
-    /// What the opacities were trained with: programs that write filters dim what a pixel widens, others do not.
-    fn filter(&self) -> OpacityFilter {
-        if self.places.contains(&Some(FILTER)) { OpacityFilter::Compensated } else { OpacityFilter::Classic }
     }
 
     /// That a splat can be made of a record.

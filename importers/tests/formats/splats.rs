@@ -274,6 +274,32 @@ fn the_3d_filter_tells_how_opacities_were_trained() {
 }
 
 #[test]
+fn comments_tell_how_opacities_were_trained() {
+    use OpacityFilter::{Classic, Compensated};
+    let plain = Table::plain(0);
+    let mut filtered = Table::plain(0);
+    filtered.columns.push(("filter_3D".into(), "float"));
+    filtered.rows[0].push(0.0);
+    for (comments, [of_plain, of_filtered]) in [
+        (&["made by hand", "antialiased", "SplatRenderMode: 2dgs"][..], [Classic, Compensated]),
+        (&["SplatRenderMode: mip"], [Compensated; 2]),
+        (&["SplatRenderMode: default"], [Classic; 2]),
+        (&["antialiased 1", "made by hand"], [Compensated; 2]),
+        (&["antialiased 1", "antialiased 0"], [Classic; 2]),
+    ] {
+        for (table, expected) in [(&plain, of_plain), (&filtered, of_filtered)] {
+            let file = table.file();
+            let after_format =
+                file.iter().enumerate().filter(|(_, byte)| **byte == b'\n').nth(1).unwrap().0 + 1;
+            let (start, rest) = file.split_at(after_format);
+            let lines: String = comments.iter().map(|comment| format!("comment {comment}\n")).collect();
+            let opened = splats(Folder::new().open("a.ply", [start, lines.as_bytes(), rest].concat()));
+            assert_eq!(filter(&opened), expected, "{comments:?}");
+        }
+    }
+}
+
+#[test]
 fn extreme_splats_are_splats() {
     let table = Table::plain(9)
         .with(&[("opacity", f64::INFINITY), ("scale_0", 88.0), ("scale_1", -200.0), ("x", 3e38)])
