@@ -82,6 +82,8 @@ pub struct Surface {
 /// Blinn–Phong coefficients of a cloud.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
+    /// Share of its colour that it sends whatever light there is.
+    pub emission: f32,
     /// Share of ambient light returned.
     pub ambient: f32,
     /// Share of the light returned diffusely.
@@ -94,13 +96,13 @@ pub struct Material {
 
 impl Default for Material {
     fn default() -> Self {
-        Self { ambient: 0.3, diffuse: 0.7, specular: 0.2, exponent: 20.0 }
+        Self { emission: 0.0, ambient: 0.3, diffuse: 0.7, specular: 0.2, exponent: 20.0 }
     }
 }
 
 impl Material {
-    /// Shows the colours as they are.
-    pub const UNLIT: Self = Self { ambient: 1.0, diffuse: 0.0, specular: 0.0, exponent: 1.0 };
+    /// Shows the colours as they are, whatever the lights.
+    pub const UNLIT: Self = Self { emission: 1.0, ambient: 0.0, diffuse: 0.0, specular: 0.0, exponent: 1.0 };
 }
 
 /// The arrays of a cloud before they are checked. All have one length, in the same order.
@@ -287,10 +289,14 @@ fn validate(splats: &Splats) -> Result<(), CloudError> {
             finite("shape", factors, 1, Mat3::is_finite)?;
         }
     }
-    let Material { ambient, diffuse, specular, exponent } = splats.material;
-    for (what, value) in
-        [("ambient", ambient), ("diffuse", diffuse), ("specular", specular), ("exponent", exponent)]
-    {
+    let Material { emission, ambient, diffuse, specular, exponent } = splats.material;
+    for (what, value) in [
+        ("emission", emission),
+        ("ambient", ambient),
+        ("diffuse", diffuse),
+        ("specular", specular),
+        ("exponent", exponent),
+    ] {
         if !(value >= 0.0 && value.is_finite()) {
             let expected = "a coefficient of the material is finite and at least 0";
             return Err(CloudError::Value { index: 0, what, value: value.to_string(), expected });
