@@ -38,7 +38,7 @@ fn cameras() -> [Camera; 2] {
     let height = f64::from(SIZE);
     [
         Camera::orthographic(pose, height, [SIZE; 2]).unwrap(),
-        // From afar: rays differ by 1e-3 at most.
+        // From so far away that the tilt of rays, 5e-4, changes nothing in r but its seventh digit.
         Camera::perspective(pose, 2.0 * (height / 2.0 / 1e4).atan(), [SIZE; 2]).unwrap(),
     ]
 }
@@ -64,8 +64,7 @@ fn the_filter_widens_and_dims_or_not() {
                         .map(|(offset, variance)| offset * offset / variance)
                         .sum();
                     let alpha = f64::from(PEAK) * share * (-0.5 * r).exp();
-                    // Kernels end at the tolerance; the rest is single precision: places of 9 px and a distance
-                    // of 1e4 rounded to 1e-3 of a pixel's slope are below 2e-6 of r.
+                    // Kernels end at the tolerance, 1e-5, which is half of this; the rest is single precision.
                     let error = (found - alpha).abs();
                     assert!(error <= 2e-5, "{sigmas:?}, {filter:?} at {place:?}: {found} is not {alpha}");
                 }

@@ -204,7 +204,7 @@ fn a_classic_low_pass_widens_an_opacity_kernel_and_leaves_its_peak() {
             let frame = draw(vec![cloud.clone()], &camera, &unlit(0.3));
             // 1 px is 0.02 of the distance: a ray's own tilt changes r by 4e-4 of it.
             close(f64::from(frame.color[4][3]), 0.8, 1e-6);
-            close(f64::from(frame.color[3][3]), 0.8 * (-0.5 / variance as f64).exp(), 2e-4);
+            close(f64::from(frame.color[3][3]), 0.8 * (-0.5 / variance).exp(), 2e-4);
         }
     }
     let bare = opacity_kernels(&[Vec3::Z * 5.0], 0.1, 0.8, &[RED]);
