@@ -196,7 +196,7 @@ fn low_pass_dims_an_opacity_kernel_by_its_area() {
 #[test]
 fn a_classic_low_pass_widens_an_opacity_kernel_and_leaves_its_peak() {
     // σ is 1 px, √1.3 px with the filter; the first and last pixels of three are 1 px off. A point is drawn as the filter is.
-    for (sigma, variance) in [(0.1, 1.3), (0.0, 0.3)] {
+    for (sigma, variance) in [(0.1, 1.3_f64), (0.0, 0.3)] {
         let mut splats = opacity_kernels(&[Vec3::Z * 5.0], sigma, 0.8, &[RED]).splats();
         splats.strength = Strength::Opacity { peaks: vec![0.8], filter: OpacityFilter::Classic };
         let cloud = Cloud::new(splats).unwrap();
