@@ -4,7 +4,9 @@ use super::random::Random;
 use glam::{Mat3, Vec3};
 use oblate::engine::color::srgb_to_linear;
 use oblate::engine::footprint::{CameraSplat, Footprint, Lens};
-use oblate::engine::{Camera, Cloud, Harmonics, Material, RenderSettings, Shapes, Splats, Strength};
+use oblate::engine::{
+    Camera, Cloud, Harmonics, Material, OpacityFilter, RenderSettings, Shapes, Splats, Strength,
+};
 use std::f32::consts::TAU;
 
 /// A place on what the splats stand for: centre, normal, display colour, spread in a scene of a million.
@@ -37,7 +39,7 @@ pub(crate) fn trained(count: usize) -> Splats {
     Splats {
         centers,
         shapes: Shapes::Each(factors),
-        strength: Strength::Opacity { peaks },
+        strength: Strength::Opacity { peaks, filter: OpacityFilter::Compensated },
         colors,
         harmonics: Some(Harmonics { degree: 3, coefficients }),
         normals: None,
@@ -77,7 +79,8 @@ fn place(random: &mut Random) -> Place {
 
 /// The same splats as extinction kernels whose opacities have the same peaks in a picture.
 pub(crate) fn as_extinction(mut splats: Splats, camera: &Camera, settings: &RenderSettings) -> Splats {
-    let (Strength::Opacity { peaks }, Shapes::Each(factors)) = (&splats.strength, &splats.shapes) else {
+    let (Strength::Opacity { peaks, filter }, Shapes::Each(factors)) = (&splats.strength, &splats.shapes)
+    else {
         return splats;
     };
     let lens = Lens::new(camera, settings.low_pass);
@@ -89,7 +92,11 @@ pub(crate) fn as_extinction(mut splats: Splats, camera: &Camera, settings: &Rend
         };
         let Some(footprint) = Footprint::new(&splat, &lens) else { return 0.0 };
         // Optical depth −ln(1 − α); nothing finite is opaque.
-        let alpha = (f64::from(*peak) * footprint.filter_attenuation(&splat, &lens)).min(0.999);
+        let attenuation = match filter {
+            OpacityFilter::Classic => 1.0,
+            OpacityFilter::Compensated => footprint.filter_attenuation(&splat, &lens),
+        };
+        let alpha = (f64::from(*peak) * attenuation).min(0.999);
         (-(-alpha).ln_1p() / (footprint.unit_integral * footprint.center_ray.length())) as f32
     };
     let masses = splats.centers.iter().zip(factors).zip(peaks).map(mass).collect();

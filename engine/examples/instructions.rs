@@ -10,8 +10,8 @@ use glam::{DVec3, Mat3, Vec3};
 use oblate_engine::cloud::oblate_factor;
 use oblate_engine::simd::Level;
 use oblate_engine::{
-    Blend, Camera, Channels, Cloud, Counts, FootprintForm, Harmonics, Material, Observer, Pose,
-    RenderSettings, Renderer, Scene, Shapes, Splats, Stage, Strength, Surface,
+    Blend, Camera, Channels, Cloud, Counts, FootprintForm, Harmonics, Material, Observer, OpacityFilter,
+    Pose, RenderSettings, Renderer, Scene, Shapes, Splats, Stage, Strength, Surface,
 };
 use random::Random;
 use std::f32::consts::PI;
@@ -122,7 +122,10 @@ fn splats(with_harmonics: bool) -> Cloud {
     cloud(Splats {
         centers: (0..SPLATS).map(|_| cube()).collect(),
         shapes: Shapes::Each(factors),
-        strength: Strength::Opacity { peaks: (0..SPLATS).map(|_| random.uniform(0.05, 0.95)).collect() },
+        strength: Strength::Opacity {
+            peaks: (0..SPLATS).map(|_| random.uniform(0.05, 0.95)).collect(),
+            filter: OpacityFilter::Compensated,
+        },
         colors: vec![[0.5, 0.4, 0.3]; SPLATS],
         harmonics: with_harmonics.then_some(Harmonics { degree: 3, coefficients }),
         normals: None,

@@ -42,9 +42,25 @@ pub enum Strength {
     Opacity {
         /// A peak opacity for each splat.
         peaks: Vec<f32>,
+        /// What they are where the pixel's low-pass filter widens a splat.
+        filter: OpacityFilter,
     },
     /// Surface samples.
     Surface(Surface),
+}
+
+/// Whether the pixel's low-pass filter dims a kernel of given peak opacity that it widens. Trained opacities are right with
+/// what they were trained with; for kernels of many pixels both are the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OpacityFilter {
+    /// Peaks stay: however small it is, a kernel covers a pixel or two with its whole opacity. Kerbl, Kopanas,
+    /// Leimkühler, Drettakis, *3D Gaussian Splatting for Real-Time Radiance Field Rendering*, 2023, whose programs
+    /// add 0.3 px² to the projected variances.
+    Classic,
+    /// Peaks fall by √(|V| / |V'|), with V the covariance in the picture and V' the widened one, so that opacity times
+    /// area stays. Yu, Chen, Huang, Sattler, Geiger, *Mip-Splatting: Alias-free 3D Gaussian Splatting*, 2024:
+    /// its 2D Mip filter.
+    Compensated,
 }
 
 /// What makes a cloud's splats samples of a surface.
@@ -66,6 +82,8 @@ pub struct Surface {
 /// Blinn–Phong coefficients of a cloud.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
+    /// Share of its colour that it sends whatever light there is.
+    pub emission: f32,
     /// Share of ambient light returned.
     pub ambient: f32,
     /// Share of the light returned diffusely.
@@ -78,13 +96,13 @@ pub struct Material {
 
 impl Default for Material {
     fn default() -> Self {
-        Self { ambient: 0.3, diffuse: 0.7, specular: 0.2, exponent: 20.0 }
+        Self { emission: 0.0, ambient: 0.3, diffuse: 0.7, specular: 0.2, exponent: 20.0 }
     }
 }
 
 impl Material {
-    /// Shows the colours as they are.
-    pub const UNLIT: Self = Self { ambient: 1.0, diffuse: 0.0, specular: 0.0, exponent: 1.0 };
+    /// Shows the colours as they are, whatever the lights.
+    pub const UNLIT: Self = Self { emission: 1.0, ambient: 0.0, diffuse: 0.0, specular: 0.0, exponent: 1.0 };
 }
 
 /// The arrays of a cloud before they are checked. All have one length, in the same order.
@@ -271,10 +289,14 @@ fn validate(splats: &Splats) -> Result<(), CloudError> {
             finite("shape", factors, 1, Mat3::is_finite)?;
         }
     }
-    let Material { ambient, diffuse, specular, exponent } = splats.material;
-    for (what, value) in
-        [("ambient", ambient), ("diffuse", diffuse), ("specular", specular), ("exponent", exponent)]
-    {
+    let Material { emission, ambient, diffuse, specular, exponent } = splats.material;
+    for (what, value) in [
+        ("emission", emission),
+        ("ambient", ambient),
+        ("diffuse", diffuse),
+        ("specular", specular),
+        ("exponent", exponent),
+    ] {
         if !(value >= 0.0 && value.is_finite()) {
             let expected = "a coefficient of the material is finite and at least 0";
             return Err(CloudError::Value { index: 0, what, value: value.to_string(), expected });
@@ -304,7 +326,7 @@ fn validate(splats: &Splats) -> Result<(), CloudError> {
         Strength::Extinction { masses } => {
             range("masses", masses, f32::MAX, "a mass is finite and at least 0")
         }
-        Strength::Opacity { peaks } => range("peaks", peaks, 1.0, "an opacity is from 0 to 1"),
+        Strength::Opacity { peaks, filter: _ } => range("peaks", peaks, 1.0, "an opacity is from 0 to 1"),
         Strength::Surface(surface) => {
             range("areas", &surface.areas, f32::MAX, "an area is finite and at least 0")?;
             if let Some(opacities) = &surface.opacities {

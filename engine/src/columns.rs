@@ -1,6 +1,6 @@
 //! A cloud's splats as the footprint stage reads them: eight at a time, each number in a row of its own.
 
-use crate::cloud::{Harmonics, Material, Shapes, Splats, Strength, Surface};
+use crate::cloud::{Harmonics, Material, OpacityFilter, Shapes, Splats, Strength, Surface};
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
@@ -54,7 +54,7 @@ pub(crate) enum Kind {
     /// Masses.
     Extinction,
     /// Peak opacities.
-    Opacity,
+    Opacity(OpacityFilter),
     /// Areas.
     Surface(SurfaceKind),
 }
@@ -91,7 +91,7 @@ impl Columns {
         let len = splats.centers.len();
         let (kind, strengths, opacities) = match splats.strength {
             Strength::Extinction { masses } => (Kind::Extinction, masses, None),
-            Strength::Opacity { peaks } => (Kind::Opacity, peaks, None),
+            Strength::Opacity { peaks, filter } => (Kind::Opacity(filter), peaks, None),
             Strength::Surface(Surface { areas, opacities, depth_tolerance, coverage_floor, closed }) => {
                 let shared = SurfaceKind { depth_tolerance, coverage_floor, closed };
                 (Kind::Surface(shared), areas, opacities.map(single))
@@ -154,7 +154,7 @@ impl Columns {
             },
             strength: match self.kind {
                 Kind::Extinction => Strength::Extinction { masses: strengths },
-                Kind::Opacity => Strength::Opacity { peaks: strengths },
+                Kind::Opacity(filter) => Strength::Opacity { peaks: strengths, filter },
                 Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, closed }) => {
                     Strength::Surface(Surface {
                         areas: strengths,
@@ -257,7 +257,10 @@ mod tests {
             let splats = Splats {
                 centers: (0..count).map(|i| Vec3::new(number(i), 1.0, -number(i))).collect(),
                 shapes: Shapes::Each((0..count).map(|i| Mat3::IDENTITY * number(i)).collect()),
-                strength: Strength::Opacity { peaks: (0..count).map(|i| number(i) / 16.0).collect() },
+                strength: Strength::Opacity {
+                    peaks: (0..count).map(|i| number(i) / 16.0).collect(),
+                    filter: [OpacityFilter::Classic, OpacityFilter::Compensated][count % 2],
+                },
                 colors: (0..count).map(|i| [number(i), 0.5, 0.25]).collect(),
                 harmonics: Some(Harmonics {
                     degree: 2,

@@ -40,7 +40,7 @@ mod tile;
 pub mod validate;
 
 pub use camera::{Camera, CameraError, Intrinsics, Pose, Projection};
-pub use cloud::{Cloud, CloudError, Harmonics, Material, Shapes, Splats, Strength, Surface};
+pub use cloud::{Cloud, CloudError, Harmonics, Material, OpacityFilter, Shapes, Splats, Strength, Surface};
 pub use frame::{Channels, Frame};
 pub use metrics::{Metrics, MetricsError, Pixels, compare};
 pub use observer::{Counts, Observer, Stage};

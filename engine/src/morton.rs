@@ -28,7 +28,9 @@ impl Splats {
             },
             strength: match self.strength {
                 Strength::Extinction { masses } => Strength::Extinction { masses: permuted(&masses, &order) },
-                Strength::Opacity { peaks } => Strength::Opacity { peaks: permuted(&peaks, &order) },
+                Strength::Opacity { peaks, filter } => {
+                    Strength::Opacity { peaks: permuted(&peaks, &order), filter }
+                }
                 Strength::Surface(mut surface) => {
                     surface.areas = permuted(&surface.areas, &order);
                     surface.opacities = surface.opacities.map(|opacities| permuted(&opacities, &order));
@@ -54,7 +56,7 @@ impl Splats {
             Shapes::Each(factors) => factors.len(),
         };
         let [strengths, opacities] = match &self.strength {
-            Strength::Extinction { masses: values } | Strength::Opacity { peaks: values } => {
+            Strength::Extinction { masses: values } | Strength::Opacity { peaks: values, .. } => {
                 [values.len(), count]
             }
             Strength::Surface(surface) => {

@@ -18,7 +18,8 @@ enum Source {
 #[derive(Clone, Debug)]
 pub(crate) struct Shader {
     material: Material,
-    ambient: Vec3,
+    /// What the base colour is multiplied by wherever a point is: its emission and ambient light.
+    everywhere: Vec3,
     sources: Vec<Source>,
     parallel_rays: bool,
 }
@@ -46,7 +47,8 @@ impl Shader {
             sources.push(Source::Towards((-DVec3::Z).as_vec3(), Vec3::ONE));
         }
         let parallel_rays = camera.projection() == Projection::Orthographic;
-        Self { material, ambient, sources, parallel_rays }
+        let everywhere = material.emission + ambient * material.ambient;
+        Self { material, everywhere, sources, parallel_rays }
     }
 
     /// As [`Self::shade`], for a point that has no sides: the normal is turned to the viewer.
@@ -62,10 +64,10 @@ impl Shader {
     /// The colour sent to the camera by a point with a base colour and a unit normal on the side that is
     /// seen. A point without a normal (zero), deep inside a uniform region, returns ambient light alone.
     pub(crate) fn shade(&self, base: [f32; 3], normal: Vec3, position: Vec3) -> [f32; 3] {
-        let Material { ambient, diffuse, specular, exponent } = self.material;
+        let Material { diffuse, specular, exponent, .. } = self.material;
         let base = Vec3::from(base);
         let to_eye = self.to_eye(position);
-        let mut light = self.ambient * ambient;
+        let mut light = self.everywhere;
         let mut highlight = Vec3::ZERO;
         for source in &self.sources {
             let (towards, color) = match *source {
@@ -92,10 +94,9 @@ impl Shader {
         position: V3<S>,
     ) -> V3<S> {
         if !self.is_lit() {
-            let light = self.ambient * self.material.ambient;
             return [0, 1, 2].each(
                 #[inline(always)]
-                |i| base[i] * light[i],
+                |i| base[i] * self.everywhere[i],
             );
         }
         let cosine = dot(normal, self.to_eye_wide(simd, position));
@@ -141,8 +142,8 @@ impl Shader {
         normal: [F; 3],
         position: [F; 3],
     ) -> [F; 3] {
-        let Material { ambient, diffuse, specular, exponent } = self.material;
-        let mut light = splat3(simd, (self.ambient * ambient).to_array());
+        let Material { diffuse, specular, exponent, .. } = self.material;
+        let mut light = splat3(simd, self.everywhere.to_array());
         let mut highlight = splat3(simd, [0.0; 3]);
         if self.is_lit() {
             let to_eye = self.to_eye_wide(simd, position);
@@ -197,9 +198,11 @@ mod tests {
             Light::Point { position: DVec3::new(-2.0, 1.0, -4.0), color: [0.9, 0.5, 0.1] },
         ];
         for lights in [Vec::new(), lights] {
-            for material in
-                [Material::default(), Material::UNLIT, Material { exponent: 0.0, ..Material::default() }]
-            {
+            for material in [
+                Material::default(),
+                Material::UNLIT,
+                Material { exponent: 0.0, emission: 0.4, ..Material::default() },
+            ] {
                 let scene = Scene { clouds: Vec::new(), lights: lights.clone() };
                 let shader = Shader::new(&scene, &camera, material);
                 let normals: [Vec3; 8] = std::array::from_fn(|i| {

@@ -6,8 +6,8 @@ mod scenes;
 
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
 use oblate_engine::{
-    Blend, Camera, Cloud, FootprintForm, Frame, Harmonics, Material, Pose, ReferenceKind, RenderSettings,
-    Scene, Shapes, Splats, Strength, reference, render,
+    Blend, Camera, Cloud, FootprintForm, Frame, Harmonics, Material, OpacityFilter, Pose, ReferenceKind,
+    RenderSettings, Scene, Shapes, Splats, Strength, reference, render,
 };
 use scenes::unshaded;
 
@@ -34,7 +34,10 @@ fn trained(degree: u8) -> Splats {
     Splats {
         centers: (0..SPLATS).map(vector).collect(),
         shapes: Shapes::Each((0..SPLATS).map(factor).collect()),
-        strength: Strength::Opacity { peaks: (0..SPLATS).map(|i| 0.2 + 0.7 * random(900 + i)).collect() },
+        strength: Strength::Opacity {
+            peaks: (0..SPLATS).map(|i| 0.2 + 0.7 * random(900 + i)).collect(),
+            filter: OpacityFilter::Compensated,
+        },
         colors: (0..SPLATS).map(|i| vector(400 + i).abs().to_array()).collect(),
         harmonics: Some(Harmonics { degree, coefficients: (0..SPLATS * per_splat).map(color).collect() }),
         normals: None,

@@ -11,8 +11,8 @@ use glam::{DVec3, Mat3, Vec3};
 use oblate_engine::cloud::oblate_factor;
 use oblate_engine::simd::Level;
 use oblate_engine::{
-    Blend, Camera, Cloud, FootprintForm, Frame, Harmonics, Material, Pose, RenderSettings, Renderer, Scene,
-    Shapes, Splats, Strength,
+    Blend, Camera, Cloud, FootprintForm, Frame, Harmonics, Material, OpacityFilter, Pose, RenderSettings,
+    Renderer, Scene, Shapes, Splats, Strength,
 };
 use scenes::*;
 
@@ -78,7 +78,10 @@ fn trained(count: usize, factor: impl Fn(usize) -> Mat3) -> Cloud {
     Cloud::new(Splats {
         centers: (0..count).map(spot).collect(),
         shapes: Shapes::Each((0..count).map(factor).collect()),
-        strength: Strength::Opacity { peaks: (0..count).map(|i| 0.5 + 0.49 * noise(i, 0.618)).collect() },
+        strength: Strength::Opacity {
+            peaks: (0..count).map(|i| 0.5 + 0.49 * noise(i, 0.618)).collect(),
+            filter: OpacityFilter::Compensated,
+        },
         colors: (0..count).map(color).collect(),
         harmonics: Some(Harmonics {
             degree: 3,

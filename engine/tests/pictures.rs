@@ -6,8 +6,8 @@ mod scenes;
 
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
 use oblate_engine::{
-    Camera, Cloud, FootprintForm, Frame, Light, Material, Pose, RenderSettings, Scene, SceneError, Splats,
-    Strength, render,
+    Camera, Cloud, FootprintForm, Frame, Light, Material, OpacityFilter, Pose, ReferenceKind, RenderSettings,
+    Scene, SceneError, Splats, Strength, reference, render,
 };
 use scenes::*;
 
@@ -248,8 +248,35 @@ fn the_side_that_is_seen_has_the_normal_and_the_light() {
 }
 
 /// The same surfels, returning diffuse light only.
+#[test]
+fn unlit_splats_show_their_colours_whatever_the_lights() {
+    let color = [0.2, 0.5, 0.8];
+    let surface = plane(20, 0.05, color);
+    let extinction = kernels(vec![Vec3::ZERO], Mat3::IDENTITY, 1e4, color);
+    let mut trained = extinction.splats();
+    trained.strength = Strength::Opacity { peaks: vec![1.0], filter: OpacityFilter::Classic };
+    let camera = camera(5.0, 9);
+    let aside = Light::Directional { towards: DVec3::new(0.6, 0.0, -0.8), color: [0.5; 3] };
+    let ambient = Light::Ambient { color: [0.3, 0.0, 2.0] };
+    for cloud in [surface, extinction, Cloud::new(trained).unwrap()] {
+        for lights in [vec![], vec![aside], vec![ambient], vec![ambient, aside]] {
+            let scene = Scene { clouds: vec![cloud.clone()], lights };
+            let settings = RenderSettings::default();
+            let drawn = render(&scene, &camera, &settings, &()).unwrap();
+            let r1 = reference(&scene, &camera, &settings, ReferenceKind::R1, &|_| ()).unwrap();
+            for frame in [drawn, r1] {
+                let pixel = frame.color[40];
+                for (found, expected) in pixel.into_iter().zip([color[0], color[1], color[2], 1.0]) {
+                    // Opacity in the middle is at least 1 − 1e-4; the early stop leaves 1e-3 of what is behind.
+                    assert!((found - expected).abs() < 1e-3, "{pixel:?} with {:?}", scene.lights);
+                }
+            }
+        }
+    }
+}
+
 fn lambert(cloud: &Cloud) -> Cloud {
-    let material = Material { ambient: 0.0, diffuse: 0.7, specular: 0.0, exponent: 1.0 };
+    let material = Material { emission: 0.0, ambient: 0.0, diffuse: 0.7, specular: 0.0, exponent: 1.0 };
     Cloud::new(Splats { material, ..cloud.splats() }).unwrap()
 }
 

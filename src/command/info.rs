@@ -91,7 +91,7 @@ fn describe_splats(splats: &Splats, text: &mut String) -> fmt::Result {
         }
         None => writeln!(text, "harmonics   none: the same colour from everywhere")?,
     }
-    if let Strength::Opacity { peaks } = &splats.strength {
+    if let Strength::Opacity { peaks, .. } = &splats.strength {
         let (low, high) = peaks.iter().fold((1.0_f32, 0.0_f32), |(low, high), p| (low.min(*p), high.max(*p)));
         writeln!(text, "opacity     {} to {}", short(low.into()), short(high.into()))?;
     }

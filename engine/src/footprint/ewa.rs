@@ -230,7 +230,7 @@ impl Footprint {
         Hit { r: self.q(u), z, sigma_z: self.sigma_z, scale: 1.0 }
     }
 
-    /// √(D₀(Σ)/D₀(Σ')): by how much the filter lowers the peak of a kernel of given opacity.
+    /// √(D₀(Σ)/D₀(Σ')): by how much a compensated filter lowers the peak of a kernel of given opacity.
     pub fn filter_attenuation(&self, splat: &CameraSplat, lens: &Lens) -> f64 {
         let unfiltered = Lens { low_pass: 0.0, ..*lens };
         // A kernel without area of its own is invisible next to its filter.

@@ -5,7 +5,7 @@ use super::ewa::{CameraSplat, Footprint, Lens};
 use super::record::{Form, Kind, Record, Rect};
 use super::{Projected, SurfaceSample, cutoff_gain};
 use crate::camera::{Camera, Projection};
-use crate::cloud::{Cloud, area_scale};
+use crate::cloud::{Cloud, OpacityFilter, area_scale};
 use crate::color::{linear_to_srgb, srgb_to_linear};
 use crate::columns;
 use crate::cull::Frustum;
@@ -104,11 +104,13 @@ impl<'a> Projector<'a> {
         if crosses && !frustum.touches_ellipsoid(&splat, cutoff, lens) {
             return None;
         }
-        let peak = |strength: f32| {
-            (f64::from(strength) * footprint.filter_attenuation(&splat, lens)).min(LARGEST_ALPHA)
+        let attenuation = match splats.kind {
+            columns::Kind::Opacity(OpacityFilter::Compensated) => footprint.filter_attenuation(&splat, lens),
+            _ => 1.0,
         };
+        let peak = (f64::from(splats.strength(index)) * attenuation).min(LARGEST_ALPHA);
         let bounded = match splats.kind {
-            columns::Kind::Opacity => opacity_cutoff(peak(splats.strength(index)), settings),
+            columns::Kind::Opacity(_) => opacity_cutoff(peak, settings),
             _ => cutoff,
         };
         if bounded < 0.0 {
@@ -141,9 +143,9 @@ impl<'a> Projector<'a> {
                 record.amplitude = single(mass * footprint.unit_integral * length);
                 record.color = shaded(normal);
             }
-            columns::Kind::Opacity => {
+            columns::Kind::Opacity(_) => {
                 record.tag.kind = Kind::Opacity;
-                record.amplitude = peak(splats.strength(index)) as f32;
+                record.amplitude = peak as f32;
                 record.color = shaded(normal);
             }
             columns::Kind::Surface(surface) => {

@@ -63,8 +63,9 @@ impl Lighting {
     /// The colour that leaves a spot towards the eye. Without a normal only ambient light is
     /// returned.
     pub(super) fn shade(&self, color: DVec3, material: &Material, spot: &Spot) -> DVec3 {
-        let [ambient, diffuse, specular, exponent] =
-            [material.ambient, material.diffuse, material.specular, material.exponent].map(f64::from);
+        let Material { emission, ambient, diffuse, specular, exponent } = *material;
+        let [emission, ambient, diffuse, specular, exponent] =
+            [emission, ambient, diffuse, specular, exponent].map(f64::from);
         let view = -spot.seen_along.normalize_or_zero();
         let normal = spot.normal.normalize_or_zero();
         let (mut scattered, mut mirrored) = (DVec3::ZERO, DVec3::ZERO);
@@ -79,6 +80,6 @@ impl Lighting {
                 mirrored += lamp.color * normal.dot(half_way).max(0.0).powf(exponent);
             }
         }
-        color * (ambient * self.ambient + diffuse * scattered) + specular * mirrored
+        color * (emission + ambient * self.ambient + diffuse * scattered) + specular * mirrored
     }
 }

@@ -6,7 +6,7 @@ use super::integral::{Fragment, REACH};
 use super::layers::Sample;
 use super::shading::{Lighting, Spot};
 use super::view::{Ray, View};
-use crate::cloud::Cloud;
+use crate::cloud::{Cloud, OpacityFilter};
 use crate::color::{linear_to_srgb, srgb_to_linear};
 use crate::columns::Kind;
 use crate::scene::{Blend, RenderSettings, Scene};
@@ -113,7 +113,7 @@ impl<'a> Setup<'a> {
             });
             count += cloud.len();
         }
-        let opacity = |c: &Cloud| matches!(c.columns().kind, Kind::Opacity);
+        let opacity = |c: &Cloud| matches!(c.columns().kind, Kind::Opacity(_));
         Self {
             view: View::new(camera),
             lighting: Lighting::new(scene, world_to_camera),
@@ -238,7 +238,8 @@ impl<'a> Setup<'a> {
                 return Some(Splat::Surfel(surfel));
             }
             Kind::Extinction => Amplitude::Mass(f64::from(splats.strength(index)) * placed.volume_scale),
-            Kind::Opacity => {
+            Kind::Opacity(OpacityFilter::Classic) => Amplitude::Peak(f64::from(splats.strength(index))),
+            Kind::Opacity(OpacityFilter::Compensated) => {
                 // The filter spreads the kernel over a larger shadow and dims it by as much.
                 let direction = self.view.direction(center);
                 let [a, b, c, ..] = columns;

@@ -4,7 +4,7 @@
 
 use super::*;
 use crate::camera::{Pose, Projection};
-use crate::cloud::{Cloud, Material, Shapes, Splats, Strength, Surface, oblate_factor};
+use crate::cloud::{Cloud, Material, OpacityFilter, Shapes, Splats, Strength, Surface, oblate_factor};
 use crate::footprint::{Form, Kind, Record, Rect};
 use crate::order::Keys;
 use crate::scene::FootprintForm;
@@ -324,7 +324,7 @@ fn trained() -> Cloud {
     cloud(
         (0..count).map(spot).collect(),
         Shapes::Each((0..count).map(shape).collect()),
-        Strength::Opacity { peaks },
+        Strength::Opacity { peaks, filter: OpacityFilter::Compensated },
     )
 }
 

@@ -8,8 +8,8 @@ use oblate_engine::cloud::oblate_factor;
 use oblate_engine::color::{linear_to_srgb, srgb_to_linear};
 use oblate_engine::reference::{ReferenceKind, reference};
 use oblate_engine::{
-    Blend, Camera, Cloud, Frame, Harmonics, Intrinsics, Light, Material, Pose, Projection, RenderSettings,
-    Scene, Shapes, Splats, Strength, Surface,
+    Blend, Camera, Cloud, Frame, Harmonics, Intrinsics, Light, Material, OpacityFilter, Pose, Projection,
+    RenderSettings, Scene, Shapes, Splats, Strength, Surface,
 };
 use std::f64::consts::TAU;
 use std::sync::Mutex;
@@ -59,7 +59,7 @@ fn kernels(centers: &[Vec3], sigma: f32, mass: f32, colors: &[[f32; 3]]) -> Clou
 }
 
 fn opacity_kernels(centers: &[Vec3], sigma: f32, peak: f32, colors: &[[f32; 3]]) -> Cloud {
-    let strength = Strength::Opacity { peaks: vec![peak; centers.len()] };
+    let strength = Strength::Opacity { peaks: vec![peak; centers.len()], filter: OpacityFilter::Compensated };
     cloud(centers.to_vec(), Shapes::Shared(Mat3::IDENTITY * sigma), strength, colors.to_vec())
 }
 

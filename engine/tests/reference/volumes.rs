@@ -194,6 +194,28 @@ fn low_pass_dims_an_opacity_kernel_by_its_area() {
 }
 
 #[test]
+fn a_classic_low_pass_widens_an_opacity_kernel_and_leaves_its_peak() {
+    // σ is 1 px, √1.3 px with the filter; the first and last pixels of three are 1 px off. A point is drawn as the filter is.
+    for (sigma, variance) in [(0.1, 1.3_f64), (0.0, 0.3)] {
+        let mut splats = opacity_kernels(&[Vec3::Z * 5.0], sigma, 0.8, &[RED]).splats();
+        splats.strength = Strength::Opacity { peaks: vec![0.8], filter: OpacityFilter::Classic };
+        let cloud = Cloud::new(splats).unwrap();
+        for camera in [perspective(50.0, 3), orthographic(10.0, 3)] {
+            let frame = draw(vec![cloud.clone()], &camera, &unlit(0.3));
+            // 1 px is 0.02 of the distance: a ray's own tilt changes r by 4e-4 of it.
+            close(f64::from(frame.color[4][3]), 0.8, 1e-6);
+            close(f64::from(frame.color[3][3]), 0.8 * (-0.5 / variance).exp(), 2e-4);
+        }
+    }
+    let bare = opacity_kernels(&[Vec3::Z * 5.0], 0.1, 0.8, &[RED]);
+    let mut classic = bare.splats();
+    classic.strength = Strength::Opacity { peaks: vec![0.8], filter: OpacityFilter::Classic };
+    let [bare, classic] = [bare, Cloud::new(classic).unwrap()]
+        .map(|cloud| draw(vec![cloud], &perspective(50.0, 5), &unlit(0.0)));
+    assert_eq!(bare, classic, "there is no filter");
+}
+
+#[test]
 fn opacity_kernels_beside_others_are_spread_along_the_ray() {
     let fog = opacity_kernels(&[Vec3::Z * 20.0], 1.5, 0.75, &[RED]);
     let sheet = plane(Vec3::Z * 20.0, Vec3::NEG_Z, 12, 1.0, GREEN);

@@ -16,6 +16,9 @@
 //!   all of green, then all of blue. Colours are within ±1e12, so that their sums stay finite.
 //! - `filter_3D` where given: the standard deviation of the filter of Yu, Chen, Huang, Sattler, Geiger,
 //!   *Mip-Splatting*, 2024, eq. 7, which is taken into the splat's shape and opacity.
+//! - Opacities were trained with a [filter of the pixel](oblate_engine::OpacityFilter) that is `Compensated` where
+//!   `filter_3D` is given, `Classic` where it isn't. Comments `SplatRenderMode: default` or `mip`, `antialiased 0` or `1`
+//!   say so too; the last one counts, before `filter_3D`.
 //!
 //! They come in Morton order, without normals, unlit.
 //!

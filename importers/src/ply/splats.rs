@@ -6,7 +6,7 @@ use crate::file::File;
 use crate::{ImportError, Place};
 use glam::{DMat3, DQuat, DVec3, Mat3, Vec3};
 use oblate_engine::color::srgb_to_linear;
-use oblate_engine::{Harmonics, Material, Shapes, Splats, Strength};
+use oblate_engine::{Harmonics, Material, OpacityFilter, Shapes, Splats, Strength};
 use rayon::prelude::*;
 
 /// What every splat has, in the order of a record; after it come the filter and the harmonics.
@@ -45,14 +45,34 @@ pub(super) fn read(file: &File, header: &Header) -> Result<Splats, ImportError> 
     let mut body = Body::new(file, header);
     for element in &header.elements {
         if element.name == "vertex" {
-            return read_vertices(file, body, element);
+            return read_vertices(file, body, element, trained_filter(header, element));
         }
         drop(body.gather::<f32>(element, &[])?);
     }
     Err(file.malformed(Place::Whole, "splats need an element \"vertex\""))
 }
 
-fn read_vertices(file: &File, body: Body<'_>, element: &Element) -> Result<Splats, ImportError> {
+/// What the opacities were trained with: the last comment that says so, or else whether splats have filters.
+fn trained_filter(header: &Header, element: &Element) -> OpacityFilter {
+    let said = |(_, comment): &(usize, String)| {
+        let words: Vec<&str> = comment.split_whitespace().collect();
+        match words[..] {
+            ["SplatRenderMode:", "default"] | ["antialiased", "0"] => Some(OpacityFilter::Classic),
+            ["SplatRenderMode:", "mip"] | ["antialiased", "1"] => Some(OpacityFilter::Compensated),
+            _ => None,
+        }
+    };
+    let has_filters = element.kind("filter_3D").is_some();
+    let unsaid = if has_filters { OpacityFilter::Compensated } else { OpacityFilter::Classic };
+    header.comments.iter().rev().find_map(said).unwrap_or(unsaid)
+}
+
+fn read_vertices(
+    file: &File,
+    body: Body<'_>,
+    element: &Element,
+    filter: OpacityFilter,
+) -> Result<Splats, ImportError> {
     let layout = Layout::new(file, element)?;
     let count = element.rows;
     let (bodies, rows) = body.split(element, ROWS)?;
@@ -95,7 +115,7 @@ fn read_vertices(file: &File, body: Body<'_>, element: &Element) -> Result<Splat
     Ok(Splats {
         centers,
         shapes: Shapes::Each(factors),
-        strength: Strength::Opacity { peaks },
+        strength: Strength::Opacity { peaks, filter },
         colors,
         harmonics: (layout.degree > 0).then_some(Harmonics { degree: layout.degree, coefficients }),
         normals: None,

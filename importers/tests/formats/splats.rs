@@ -3,7 +3,7 @@
 use crate::common::{Folder, splats};
 use crate::ply::bytes;
 use glam::{Mat3, Vec3};
-use oblate_engine::{Material, Splats, Strength};
+use oblate_engine::{Material, OpacityFilter, Splats, Strength};
 use proptest::prelude::*;
 
 /// Columns of a file by name, with their types.
@@ -104,8 +104,13 @@ pub(crate) fn example(encoding: &'static str) -> Vec<u8> {
 }
 
 fn peaks(splats: &Splats) -> &[f32] {
-    let Strength::Opacity { peaks } = &splats.strength else { panic!("opacities are expected") };
+    let Strength::Opacity { peaks, .. } = &splats.strength else { panic!("opacities are expected") };
     peaks
+}
+
+fn filter(splats: &Splats) -> OpacityFilter {
+    let Strength::Opacity { filter, .. } = &splats.strength else { panic!("opacities are expected") };
+    *filter
 }
 
 fn close(found: Mat3, expected: Mat3) {
@@ -255,6 +260,43 @@ fn the_3d_filter_widens_and_dims() {
     let [a, b, c] = [17f32.sqrt(), 20f32.sqrt(), 5.0];
     close(filtered.shapes.factor(0), Mat3::from_diagonal(Vec3::new(a, b, c)));
     assert!((peaks(&filtered)[0] - 0.5 * 6.0 / (a * b * c)).abs() < 1e-7);
+}
+
+#[test]
+fn the_3d_filter_tells_how_opacities_were_trained() {
+    let mut table = Table::plain(9).and(&[("x", 1.0)]);
+    assert_eq!(filter(&table.open()), OpacityFilter::Classic);
+    // Wherever the column stands, and though nothing is filtered.
+    table.columns.insert(3, ("filter_3D".into(), "float"));
+    table.rows.iter_mut().for_each(|row| row.insert(3, 0.0));
+    assert_eq!(filter(&table.open()), OpacityFilter::Compensated);
+    assert_eq!(filter(&table.renamed("filter_3D", "filter_2D").open()), OpacityFilter::Classic);
+}
+
+#[test]
+fn comments_tell_how_opacities_were_trained() {
+    use OpacityFilter::{Classic, Compensated};
+    let plain = Table::plain(0);
+    let mut filtered = Table::plain(0);
+    filtered.columns.push(("filter_3D".into(), "float"));
+    filtered.rows[0].push(0.0);
+    for (comments, [of_plain, of_filtered]) in [
+        (&["made by hand", "antialiased", "SplatRenderMode: 2dgs"][..], [Classic, Compensated]),
+        (&["SplatRenderMode: mip"], [Compensated; 2]),
+        (&["SplatRenderMode: default"], [Classic; 2]),
+        (&["antialiased 1", "made by hand"], [Compensated; 2]),
+        (&["antialiased 1", "antialiased 0"], [Classic; 2]),
+    ] {
+        for (table, expected) in [(&plain, of_plain), (&filtered, of_filtered)] {
+            let file = table.file();
+            let after_format =
+                file.iter().enumerate().filter(|(_, byte)| **byte == b'\n').nth(1).unwrap().0 + 1;
+            let (start, rest) = file.split_at(after_format);
+            let lines: String = comments.iter().map(|comment| format!("comment {comment}\n")).collect();
+            let opened = splats(Folder::new().open("a.ply", [start, lines.as_bytes(), rest].concat()));
+            assert_eq!(filter(&opened), expected, "{comments:?}");
+        }
+    }
 }
 
 #[test]

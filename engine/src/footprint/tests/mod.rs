@@ -5,7 +5,7 @@ mod setups;
 
 use super::*;
 use crate::camera::Projection;
-use crate::cloud::Material;
+use crate::cloud::{Material, OpacityFilter};
 use crate::columns::LANES;
 use compare::compare;
 use glam::Vec3;
@@ -91,6 +91,7 @@ fn what_is_fainter_than_the_tolerance_is_not_drawn() {
     let setup = Setup {
         projection: Projection::Perspective,
         kind: 1,
+        filter: OpacityFilter::Compensated,
         shared: false,
         transform: 0,
         degree: 0,

@@ -1,7 +1,7 @@
 //! Splats before a camera, as proptest makes them up.
 
 use crate::camera::{Camera, Pose, Projection};
-use crate::cloud::{Cloud, Harmonics, Material, Shapes, Splats, Strength, Surface};
+use crate::cloud::{Cloud, Harmonics, Material, OpacityFilter, Shapes, Splats, Strength, Surface};
 use crate::footprint::CameraSplat;
 use crate::scene::{Blend, FootprintForm, RenderSettings};
 use glam::{DAffine3, DMat3, DVec2, DVec3, Vec3};
@@ -63,6 +63,7 @@ pub(super) fn seen() -> impl Strategy<Value = Seen> {
 pub(super) struct Setup {
     pub(super) projection: Projection,
     pub(super) kind: usize,
+    pub(super) filter: OpacityFilter,
     pub(super) shared: bool,
     pub(super) transform: usize,
     pub(super) degree: u8,
@@ -79,15 +80,16 @@ pub(super) fn setup() -> impl Strategy<Value = Setup> {
     ];
     let blend = prop_oneof![Just(Blend::Linear), Just(Blend::Display)];
     let filters = prop_oneof![1 => Just(0.0), 3 => Just(0.3), 1 => Just(1.0)];
+    let of_peaks = prop_oneof![Just(OpacityFilter::Classic), Just(OpacityFilter::Compensated)];
     let tolerances = prop_oneof![Just(1.0 / 255.0), Just(0.05), Just(1e-4)];
     (
         (projection, 0..4_usize, any::<bool>(), 0..4_usize, 0..4_u8, prop_oneof![Just(0.0), Just(2.0)]),
-        (forms, blend, filters, tolerances, any::<bool>()),
+        (forms, blend, filters, of_peaks, tolerances, any::<bool>()),
     )
         .prop_map(
             |(
                 (projection, kind, shared, transform, degree, near),
-                (footprint, blend, low_pass, tolerance, shade),
+                (footprint, blend, low_pass, filter, tolerance, shade),
             )| {
                 let settings = RenderSettings {
                     footprint,
@@ -97,7 +99,7 @@ pub(super) fn setup() -> impl Strategy<Value = Setup> {
                     shade,
                     ..RenderSettings::default()
                 };
-                Setup { projection, kind, shared, transform, degree, near, settings }
+                Setup { projection, kind, filter, shared, transform, degree, near, settings }
             },
         )
 }
@@ -155,7 +157,7 @@ pub(super) fn cloud(setup: &Setup, splats: &[Seen], camera: &Camera) -> Cloud {
     let strengths: Vec<f32> = splats.iter().map(|seen| seen.strength).collect();
     let strength = match setup.kind {
         0 => Strength::Extinction { masses: strengths },
-        1 => Strength::Opacity { peaks: strengths },
+        1 => Strength::Opacity { peaks: strengths, filter: setup.filter },
         kind => Strength::Surface(Surface {
             areas: strengths.clone(),
             opacities: Some(strengths),

@@ -2,6 +2,7 @@
 
 use super::WideProjector;
 use super::geometry::{Footprints, Placed, lanes};
+use crate::cloud::OpacityFilter;
 use crate::columns::{self, PackedHarmonics};
 use crate::harmonics::basis;
 use crate::scene::Blend;
@@ -100,8 +101,12 @@ impl WideProjector<'_> {
                 let is_seen = amplitude.simd_gt(zero);
                 Looks { amplitude, slope: [zero; 2], color, normal, cutoff, is_seen }
             }
-            columns::Kind::Opacity => {
-                let amplitude = (strength * footprints.attenuation).min(splat(simd, 1.0 - 1e-6));
+            columns::Kind::Opacity(filter) => {
+                let peak = match filter {
+                    OpacityFilter::Classic => strength,
+                    OpacityFilter::Compensated => strength * footprints.attenuation,
+                };
+                let amplitude = peak.min(splat(simd, 1.0 - 1e-6));
                 let is_seen = amplitude.simd_gt(splat(simd, self.tolerance.max(1e-30)));
                 const TWO_LN2: f32 = 2.0 * std::f32::consts::LN_2;
                 let over = amplitude * (1.0 / self.tolerance.max(1e-30));

@@ -61,7 +61,7 @@ impl<'a> WideProjector<'a> {
         let linear = scalar.cloud_to_camera.matrix3;
         let strength_scale = match scalar.cloud.columns().kind {
             columns::Kind::Extinction => scalar.determinant * gain,
-            columns::Kind::Opacity => 1.0,
+            columns::Kind::Opacity(_) => 1.0,
             columns::Kind::Surface(surface) => {
                 scalar.determinant.cbrt().powi(2) * gain / f64::from(surface.coverage_floor)
             }

@@ -88,7 +88,7 @@ impl WideProjector<'_> {
         let mut amplitude = looks.amplitude;
         let kind = match self.scalar.cloud.columns().kind {
             columns::Kind::Extinction => Kind::Extinction,
-            columns::Kind::Opacity => Kind::Opacity,
+            columns::Kind::Opacity(_) => Kind::Opacity,
             columns::Kind::Surface(_) => Kind::Surface,
         };
         if kind == Kind::Extinction {
