@@ -79,8 +79,9 @@ pub(crate) struct Stats {
     pub(crate) visible: Option<u64>,
     /// Pixels that were evaluated, summed over the splats; null when a reference drew it.
     pub(crate) fragments: Option<u64>,
-    /// The least time in which that many can be blended: 32 bytes each, read and written back in the first-level
-    /// cache on all threads, measured here; null when a reference drew it.
+    /// The least time in which that many can be blended one by one: 32 bytes each, read and written back in the
+    /// first-level cache on all threads, measured here. A yardstick: pixels stay in registers while many splats are
+    /// blended. Null when a reference drew it.
     pub(crate) store_bound_ms: Option<f64>,
     pub(crate) threads: usize,
     #[serde(serialize_with = "rounded")]
@@ -98,7 +99,7 @@ pub(crate) struct Stats {
 
 /// Milliseconds that it takes to read and write back 32 bytes for each of so many fragments, on all threads.
 pub(crate) fn store_bound_ms(fragments: u64) -> f64 {
-    /// As many as a tile's cells have.
+    /// 16 KiB: they stay in the first-level cache.
     const LANES: usize = 512;
     const ROUNDS: usize = 1000;
     let mut lanes = [[1.0; 8]; LANES];

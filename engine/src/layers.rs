@@ -377,9 +377,9 @@ impl LayerBuilder<'_> {
         let no_record = u32x16::simd_from(simd, Cut::NO_RECORD);
         let [front, back] = &sums.sides;
         let weight = front.weight + back.weight;
-        // Seen exactly edge-on a plane covers nothing.
-        let found = peel.record.simd_ne(no_record) & weight.simd_gt(zero);
-        let inverse = found.select(one / weight, zero);
+        let found = peel.record.simd_ne(no_record);
+        // Seen exactly edge-on a plane covers nothing, and hides nothing.
+        let inverse = weight.simd_gt(W::simd_from(simd, 1e-30)).select(one / weight, zero);
         let mut opacity = one - (sums.clear * inverse).min(one);
         if last {
             // The last layer may be several sheets, one behind the other.

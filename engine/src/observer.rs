@@ -51,8 +51,8 @@ pub struct Counts {
     pub splats: u64,
     /// Splats whose footprint touches the picture.
     pub visible: u64,
-    /// Pixels that were evaluated, summed over the passes over surfaces and volumes: those of each splat's rows in
-    /// strips of eight, as far as they could still be seen.
+    /// Pixels that were evaluated, summed over the passes over surfaces and volumes: sixteen for each block of 4×4 that a
+    /// splat's ellipse meets, as far as it could still be seen there.
     pub fragments: u64,
 }
 

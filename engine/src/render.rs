@@ -80,7 +80,8 @@ impl Renderer {
     }
 
     /// A renderer that uses the instructions of a level and tiles of the given side in pixels: 8, 16 or 32. A level that
-    /// the processor lacks is [`Level::Baseline`]. Pictures differ by rounding only.
+    /// the processor lacks is [`Level::Baseline`]. Pictures differ by rounding, and by what is left out behind the opaque, a
+    /// quarter of the tolerance at most.
     ///
     /// # Panics
     /// When the side is another.

@@ -47,6 +47,20 @@ impl<S: Simd> Seen<S> {
         }
     }
 
+    /// What a block sees of a segment.
+    #[inline(always)]
+    fn run(simd: S, runs: Option<&Runs>, (segment, block): (usize, usize)) -> Self {
+        let run = runs.map_or(&crate::composite::Seen::CLEAR, |runs| runs.block(segment, block));
+        Self {
+            color: run.color.each_ref().each(
+                #[inline(always)]
+                |plane| plane.load(simd),
+            ),
+            depth: run.depth.load(simd),
+            opacity: run.opacity.load(simd),
+        }
+    }
+
     #[inline(always)]
     fn layer(color: [W<S>; 3], depth: W<S>, alpha: W<S>) -> Self {
         Self {
@@ -98,19 +112,8 @@ impl Resolver<'_> {
         block: usize,
         (cuts, runs): (&Cuts, Option<&Runs>),
     ) -> Seen<S> {
-        let run = |segment: usize| {
-            let run = runs.map_or(&crate::composite::Seen::CLEAR, |runs| runs.block(segment, block));
-            Seen {
-                color: run.color.each_ref().each(
-                    #[inline(always)]
-                    |plane| plane.load(simd),
-                ),
-                depth: run.depth.load(simd),
-                opacity: run.opacity.load(simd),
-            }
-        };
         let segments = if runs.is_some() { cuts.block(block).segments } else { 1 };
-        let mut seen = run(0);
+        let mut seen = Seen::run(simd, runs, (0, block));
         for (layer, cut) in cuts.layers(block).enumerate() {
             let alpha = cut.alpha.load(simd);
             let zero = W::simd_from(simd, 0.0);
@@ -125,7 +128,7 @@ impl Resolver<'_> {
                 seen = seen.over(simd, Seen::layer(color, depth, alpha));
             }
             if layer + 1 < segments {
-                seen = seen.over(simd, run(layer + 1));
+                seen = seen.over(simd, Seen::run(simd, runs, (layer + 1, block)));
             }
         }
         seen

@@ -1,7 +1,7 @@
-//! The one place of SIMD: which instructions are used, and functions of eight numbers at once.
+//! The one place of SIMD: which instructions are used, and functions of eight or sixteen numbers at once.
 //!
-//! Everything is written once for all levels; `dispatch!` chooses at run time. Levels differ only by whether
-//! a·b + c is rounded once or twice.
+//! Everything is written once for all levels; `dispatch!` chooses at run time. Levels differ by whether a·b + c is
+//! rounded once or twice, and by the guesses from which [`reciprocal`] starts.
 
 pub(crate) use fearless_simd::prelude::*;
 pub(crate) use fearless_simd::{Simd, f32x8, f32x16, i32x8, mask32x8, mask32x16, u32x8, u32x16};
@@ -133,8 +133,8 @@ pub(crate) type M<S> = mask32x8<S>;
 /// Sixteen numbers: one register where the processor has such, else two.
 pub(crate) type W<S> = f32x16<S>;
 
-/// Reads numbers, changes them and writes them back, `rounds` times: what blending does to memory and nothing else.
-/// The time that it takes on a buffer the size of a tile is the least that rasterization can take.
+/// Reads numbers, changes them and writes them back, `rounds` times: what blending does to memory, pixel by pixel, and
+/// nothing else. On a buffer that fits into the first cache it is a yardstick for rasterization.
 pub fn rewrite(level: Level, lanes: &mut [[f32; 8]], rounds: usize) {
     dispatch!(level, simd => {
         for _ in 0..rounds {

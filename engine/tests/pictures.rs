@@ -232,6 +232,25 @@ fn a_plane_hides_what_is_behind_it_and_half_of_what_it_cuts() {
 }
 
 #[test]
+fn a_sheet_seen_edge_on_hides_nothing() {
+    // Parallel rays along a sheet: its surfels cover nothing, however wide the pixel's filter makes them.
+    let pose = Pose::look_at(DVec3::NEG_Z * 5.0, DVec3::ZERO, DVec3::Y).unwrap();
+    let camera = Camera::orthographic(pose, 2.0, [32; 2]).unwrap();
+    let steps = || (0..40).map(|i| i as f32 * 0.05 - 0.975);
+    let points: Vec<_> =
+        steps().flat_map(|x| steps().map(move |z| (Vec3::new(x, 0.0, z - 2.0), Vec3::Y))).collect();
+    let wall = || plane(80, 0.05, [0.8; 3]);
+    let alone = draw(vec![wall()], &camera, &unshaded());
+    let behind = draw(vec![surfels(&points, 0.05 * 0.05, [0.2; 3], false), wall()], &camera, &unshaded());
+    for pixel in middle(&alone) {
+        let [alone, behind] = [&alone, &behind].map(|frame| frame.color[pixel]);
+        // Rounding of the sheet's normal: 1e-7 of 40 surfels' coverage.
+        assert!((0..4).all(|i| (alone[i] - behind[i]).abs() < 1e-4), "{behind:?}, the wall alone {alone:?}");
+        assert!(behind[3] > 0.99);
+    }
+}
+
+#[test]
 fn the_side_that_is_seen_has_the_normal_and_the_light() {
     let plane = plane(60, 0.1, [1.0; 3]);
     let lit = Light::Directional { towards: DVec3::Z, color: [1.0; 3] };

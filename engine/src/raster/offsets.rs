@@ -54,6 +54,8 @@ impl<S: Simd> Exact<S> {
         let rise = offsets.linear(simd, 0.0, slope);
         let t = W::simd_from(simd, 1.0) - rise * inverse_depth;
         let den = (-offsets.exponent).mul_add(W::simd_from(simd, spread), t * t);
+        // In the camera plane there is no depth, but a number.
+        let den = den.max(W::simd_from(simd, 1e-30)).min(W::simd_from(simd, 1e30));
         let inverse = reciprocal(simd, den);
         Self {
             exponent: offsets.exponent * inverse,

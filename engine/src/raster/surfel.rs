@@ -325,7 +325,7 @@ impl Surfels {
                 let spread = sigma_z * per_depth;
                 let share = (one - spread * spread * lens.cutoff).max(W::simd_from(simd, 0.0));
                 let inverse_t = inverse(simd, [one - rise[1] * per_depth, one - rise[0] * per_depth]);
-                let is_ahead = depth.simd_gt(W::simd_from(simd, 0.0));
+                let is_ahead = depth.simd_gt(W::simd_from(simd, 0.0)) & inverse_t[0].simd_gt(-infinity);
                 let low = is_ahead.select(depth * share * inverse_t[0], -infinity);
                 let high = is_ahead.select(depth * inverse_t[1], infinity);
                 seen = [exact.select(low, seen[0]), exact.select(high, seen[1])];

@@ -1,5 +1,5 @@
 //! What a picture is, written pixel by pixel in double precision: the records that the footprint stage made, the layer
-//! rule, shares between cuts by Φ, and compositing from near to far. Tiles, strips, recurrences, polynomials and early
+//! rule, shares between cuts by Φ, and compositing from near to far. Tiles, blocks, polynomials and early
 //! ends are the drawer's own affair and must not show.
 
 use super::*;
@@ -225,7 +225,8 @@ impl<'a> Specification<'a> {
     }
 
     /// What each segment sends and lets through, and what rounding may do to the pixel:
-    /// - each opacity is right to 1e-4 of itself by recurrence and polynomial, and to what rounding does to r;
+    /// - each opacity is right to 1e-4 of itself (2e-5 by its polynomial, 3e-6 by the exponential, the rest by
+    ///   rounding), and to what rounding does to r;
     /// - a kernel whose outline runs through the pixel may be there or not;
     /// - a share is right to 0.4 of what rounding does to depths over σ_z, and what is 4σ_z away counts as none;
     /// - behind a transmittance of `spent` anything may be left out;

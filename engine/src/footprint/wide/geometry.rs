@@ -126,14 +126,7 @@ impl WideProjector<'_> {
             #[inline(always)]
             |g| g[2],
         );
-        let pair = |a: &V3<S>, b: &V3<S>| {
-            [
-                a[0].mul_sub(b[1], a[1] * b[0]),
-                a[0].mul_sub(b[2], a[2] * b[0]),
-                a[1].mul_sub(b[2], a[2] * b[1]),
-            ]
-        };
-        let [n, mx, my] = [pair(&x, &y), pair(&x, &z), pair(&y, &z)];
+        let [n, mx, my] = [minors(x, y), minors(x, z), minors(y, z)];
         let [xx, yy, xy, zz, nn] = [dot(x, x), dot(y, y), dot(x, y), dot(z, z), dot(n, n)];
         let along = [dot(x, z), dot(y, z)];
         let area = (xx + yy).mul_add(h2, nn + h4);
@@ -236,4 +229,10 @@ impl WideProjector<'_> {
         let high = ((center + half - 0.49).floor() + 1.0).min(splat(simd, last));
         [low, high]
     }
+}
+
+/// a_i b_j − a_j b_i for (i, j) of (0, 1), (0, 2), (1, 2).
+#[inline(always)]
+fn minors<S: Simd>(a: V3<S>, b: V3<S>) -> V3<S> {
+    [a[0].mul_sub(b[1], a[1] * b[0]), a[0].mul_sub(b[2], a[2] * b[0]), a[1].mul_sub(b[2], a[2] * b[1])]
 }
