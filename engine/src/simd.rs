@@ -1,7 +1,7 @@
 //! The one place of SIMD: which instructions are used, and functions of eight or sixteen numbers at once.
 //!
 //! Everything is written once for all levels; `dispatch!` chooses at run time. Levels differ by whether a·b + c is
-//! rounded once or twice, and by the guesses from which [`reciprocal`] starts.
+//! rounded once or twice, and by the guesses from which reciprocals start.
 
 pub(crate) use fearless_simd::prelude::*;
 pub(crate) use fearless_simd::{Simd, f32x8, f32x16, i32x8, mask32x8, mask32x16, u32x8, u32x16};
