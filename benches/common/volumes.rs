@@ -14,19 +14,7 @@ pub(crate) const ANEURISM: &str = "volumes/aneurism_256x256x256_uint8.raw.gz";
 pub(crate) const ENGINE_ISO: f32 = 100.0;
 
 /// The engine, semi-transparent. Value, sRGB colour, opacity per unit length.
-pub(crate) const GLASS: &str = "transfer 1
-strength opacity_per_unit
-color srgb
-0    0    0    0     0
-8    0    0    0     0
-20   0.45 0.5  0.6   0.006
-60   0.5  0.5  0.55  0.01
-80   0.55 0.45 0.35  0.02
-140  0.75 0.65 0.5   0.05
-180  0.9  0.85 0.8   0.08
-220  0.95 0.4  0.2   0.6
-255  1.0  0.5  0.2   0.8
-";
+pub(crate) const GLASS: &str = include_str!("glass.transfer");
 
 /// The engine from 71 on: 1,160,038 voxels.
 pub(crate) const ENGINE_FROM_71: &str = "transfer 1

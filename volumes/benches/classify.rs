@@ -11,19 +11,7 @@ use flate2::read::GzDecoder;
 use oblate_volumes::{Classifier, GridFrame, KernelSettings, TransferFunction, Volume, Voxels, to_kernels};
 
 /// Value, sRGB colour, opacity per unit length.
-const TRANSFER: &str = "transfer 1
-strength opacity_per_unit
-color srgb
-0    0    0    0     0
-8    0    0    0     0
-20   0.45 0.5  0.6   0.006
-60   0.5  0.5  0.55  0.01
-80   0.55 0.45 0.35  0.02
-140  0.75 0.65 0.5   0.05
-180  0.9  0.85 0.8   0.08
-220  0.95 0.4  0.2   0.6
-255  1.0  0.5  0.2   0.8
-";
+const TRANSFER: &str = include_str!("../../benches/common/glass.transfer");
 
 fn engine() -> Option<Volume> {
     let root = std::env::var_os("OBLATE_DATA").map_or_else(
