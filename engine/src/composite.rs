@@ -273,16 +273,17 @@ impl Compositor<'_> {
     }
 }
 
-/// [`Seen`] in registers.
-struct Seeing<S: Simd> {
-    opacity: W<S>,
-    color: [W<S>; 3],
-    depth: W<S>,
+/// [`Seen`] in registers: what a block of rays sends towards the camera, and does not let through.
+#[derive(Clone, Copy)]
+pub(crate) struct Seeing<S: Simd> {
+    pub(crate) opacity: W<S>,
+    pub(crate) color: [W<S>; 3],
+    pub(crate) depth: W<S>,
 }
 
 impl<S: Simd> Seeing<S> {
     #[inline(always)]
-    fn load(simd: S, seen: &Seen) -> Self {
+    pub(crate) fn load(simd: S, seen: &Seen) -> Self {
         let Seen { opacity, color: [red, green, blue], depth } = seen;
         Self {
             opacity: opacity.load(simd),
@@ -300,7 +301,31 @@ impl<S: Simd> Seeing<S> {
         seen.depth.store(self.depth);
     }
 
-    /// (C, T)∘(C', T') = (C + T·C', T·T'); gives T·α.
+    /// One layer alone.
+    #[inline(always)]
+    pub(crate) fn layer(color: [W<S>; 3], depth: W<S>, alpha: W<S>) -> Self {
+        let color = color.each(
+            #[inline(always)]
+            |c| c * alpha,
+        );
+        Self { opacity: alpha, color, depth: depth * alpha }
+    }
+
+    /// (C, T)∘(C', T') = (C + T·C', T·T').
+    #[inline(always)]
+    pub(crate) fn over(self, simd: S, behind: Self) -> Self {
+        let through = W::simd_from(simd, 1.0) - self.opacity;
+        Self {
+            opacity: behind.opacity.mul_add(through, self.opacity),
+            color: [0, 1, 2].each(
+                #[inline(always)]
+                |i| behind.color[i].mul_add(through, self.color[i]),
+            ),
+            depth: behind.depth.mul_add(through, self.depth),
+        }
+    }
+
+    /// The same with an opacity and a colour of one splat behind; gives T·α.
     #[inline(always)]
     fn blend(&mut self, simd: S, alpha: W<S>, color: [f32; 3]) -> W<S> {
         let shown = (-self.opacity).mul_add(alpha, alpha);

@@ -1,7 +1,7 @@
 //! Stage `resolve`: a tile's cuts and runs to shaded pixels of the frame.
 
 use crate::color::linear_to_srgb;
-use crate::composite::Runs;
+use crate::composite::{Runs, Seeing, Seen};
 use crate::cuts::{Cut, Cuts};
 use crate::footprint::{Lens, Record, SurfaceSample};
 use crate::frame::{Channels, Frame, FrameRows};
@@ -10,7 +10,6 @@ use crate::shade::Shader;
 use crate::simd::*;
 use crate::tile::{BLOCK_SIDE, PIXELS, Tile, pixels};
 use glam::DMat3;
-use std::ops::Range;
 
 /// Finishes pixels.
 pub(crate) struct Resolver<'a> {
@@ -22,56 +21,6 @@ pub(crate) struct Resolver<'a> {
     pub(crate) settings: &'a RenderSettings,
     pub(crate) lens: Lens,
     pub(crate) camera_to_world: DMat3,
-}
-
-/// What a block of rays sends towards the camera and lets through.
-#[derive(Clone, Copy)]
-struct Seen<S: Simd> {
-    color: [W<S>; 3],
-    depth: W<S>,
-    opacity: W<S>,
-}
-
-impl<S: Simd> Seen<S> {
-    /// (C, T)∘(C', T') = (C + T·C', T·T').
-    #[inline(always)]
-    fn over(self, simd: S, behind: Self) -> Self {
-        let through = W::simd_from(simd, 1.0) - self.opacity;
-        Self {
-            color: [0, 1, 2].each(
-                #[inline(always)]
-                |i| behind.color[i].mul_add(through, self.color[i]),
-            ),
-            depth: behind.depth.mul_add(through, self.depth),
-            opacity: behind.opacity.mul_add(through, self.opacity),
-        }
-    }
-
-    /// What a block sees of a segment.
-    #[inline(always)]
-    fn run(simd: S, runs: Option<&Runs>, (segment, block): (usize, usize)) -> Self {
-        let run = runs.map_or(&crate::composite::Seen::CLEAR, |runs| runs.block(segment, block));
-        Self {
-            color: run.color.each_ref().each(
-                #[inline(always)]
-                |plane| plane.load(simd),
-            ),
-            depth: run.depth.load(simd),
-            opacity: run.opacity.load(simd),
-        }
-    }
-
-    #[inline(always)]
-    fn layer(color: [W<S>; 3], depth: W<S>, alpha: W<S>) -> Self {
-        Self {
-            color: color.each(
-                #[inline(always)]
-                |c| c * alpha,
-            ),
-            depth: depth * alpha,
-            opacity: alpha,
-        }
-    }
 }
 
 impl Resolver<'_> {
@@ -91,14 +40,15 @@ impl Resolver<'_> {
             let color = self.color(simd, seen, background);
             let [columns, height] = tile.visible(block);
             let [left, top] = tile.corner(block);
-            for row in 0..height {
-                let place = rows.place(tile.origin[0] + left, top + row);
-                let first = row * BLOCK_SIDE;
-                rows.color[place..place + columns].copy_from_slice(&color[first..first + columns]);
-                if rows.channels == Channels::All {
-                    let cut = cuts.layers(block).next().unwrap_or(&Cut::NONE);
-                    self.store_rest(seen, cut, first..first + columns, (place, rows));
-                }
+            let place = |row: usize| rows.place(tile.origin[0] + left, top + row);
+            let places: [usize; BLOCK_SIDE] = std::array::from_fn(place);
+            let pixels = places[..height].iter().zip(color.chunks(BLOCK_SIDE));
+            for (place, color) in pixels {
+                rows.color[*place..*place + columns].copy_from_slice(&color[..columns]);
+            }
+            if rows.channels == Channels::All {
+                let cut = cuts.layers(block).next().unwrap_or(&Cut::NONE);
+                self.store_rest(seen, cut, (&places[..height], columns), rows);
             }
         }
     }
@@ -111,9 +61,9 @@ impl Resolver<'_> {
         tile: Tile,
         block: usize,
         (cuts, runs): (&Cuts, Option<&Runs>),
-    ) -> Seen<S> {
+    ) -> Seeing<S> {
         let segments = if runs.is_some() { cuts.block(block).segments } else { 1 };
-        let mut seen = Seen::run(simd, runs, (0, block));
+        let mut seen = run(simd, runs, (0, block));
         for (layer, cut) in cuts.layers(block).enumerate() {
             let alpha = cut.alpha.load(simd);
             let zero = W::simd_from(simd, 0.0);
@@ -125,10 +75,10 @@ impl Resolver<'_> {
                     #[inline(always)]
                     || self.shade(simd, (tile, block), cut, depth),
                 );
-                seen = seen.over(simd, Seen::layer(color, depth, alpha));
+                seen = seen.over(simd, Seeing::layer(color, depth, alpha));
             }
             if layer + 1 < segments {
-                seen = seen.over(simd, Seen::run(simd, runs, (layer + 1, block)));
+                seen = seen.over(simd, run(simd, runs, (layer + 1, block)));
             }
         }
         seen
@@ -176,7 +126,7 @@ impl Resolver<'_> {
 
     /// The background in the space of blending.
     #[inline(always)]
-    fn background<S: Simd>(&self, simd: S) -> Seen<S> {
+    fn background<S: Simd>(&self, simd: S) -> Seeing<S> {
         let [red, green, blue, alpha] = self.settings.background;
         let mut color = [red, green, blue];
         if self.settings.blend == Blend::Display {
@@ -186,12 +136,12 @@ impl Resolver<'_> {
             #[inline(always)]
             |c| W::simd_from(simd, c),
         );
-        Seen::layer(color, W::simd_from(simd, 0.0), W::simd_from(simd, alpha))
+        Seeing::layer(color, W::simd_from(simd, 0.0), W::simd_from(simd, alpha))
     }
 
     /// Linear, premultiplied colours over the background.
     #[inline(always)]
-    fn color<S: Simd>(&self, simd: S, seen: Seen<S>, background: Seen<S>) -> [[f32; 4]; PIXELS] {
+    fn color<S: Simd>(&self, simd: S, seen: Seeing<S>, background: Seeing<S>) -> [[f32; 4]; PIXELS] {
         let all = seen.over(simd, background);
         let mut color = all.color;
         if self.settings.blend == Blend::Display {
@@ -210,25 +160,34 @@ impl Resolver<'_> {
         std::array::from_fn(|pixel| channels.map(|channel| channel[pixel]))
     }
 
+    /// All channels but the colour, for the places of a block's rows and a number of columns.
     #[inline(always)]
     fn store_rest<S: Simd>(
         &self,
-        seen: Seen<S>,
+        seen: Seeing<S>,
         cut: &Cut,
-        row: Range<usize>,
-        (place, rows): (usize, &mut FrameRows),
+        (places, columns): (&[usize], usize),
+        rows: &mut FrameRows,
     ) {
         let (depth, opacity): ([f32; PIXELS], [f32; PIXELS]) = (seen.depth.into(), seen.opacity.into());
-        for (place, pixel) in (place..).zip(row) {
-            rows.expected_depth[place] =
-                if opacity[pixel] > 0.0 { depth[pixel] / opacity[pixel] } else { f32::INFINITY };
-            rows.depth[place] = cut.depth.0[pixel];
-            let normal = glam::Vec3::from(cut.normal.map(|plane| plane.0[pixel]));
-            rows.normal[place] = (self.camera_to_world * normal.as_dvec3()).as_vec3().to_array();
-            rows.id[place] = match cut.record[pixel] {
-                Cut::NO_RECORD => Frame::NO_ID,
-                index => self.samples[index as usize].id,
-            };
+        for (row, first) in places.iter().enumerate() {
+            for (place, pixel) in (*first..*first + columns).zip(row * BLOCK_SIDE..) {
+                rows.expected_depth[place] =
+                    if opacity[pixel] > 0.0 { depth[pixel] / opacity[pixel] } else { f32::INFINITY };
+                rows.depth[place] = cut.depth.0[pixel];
+                let normal = glam::Vec3::from(cut.normal.map(|plane| plane.0[pixel]));
+                rows.normal[place] = (self.camera_to_world * normal.as_dvec3()).as_vec3().to_array();
+                rows.id[place] = match cut.record[pixel] {
+                    Cut::NO_RECORD => Frame::NO_ID,
+                    index => self.samples[index as usize].id,
+                };
+            }
         }
     }
+}
+
+/// What a block sees of a segment; nothing without runs.
+#[inline(always)]
+fn run<S: Simd>(simd: S, runs: Option<&Runs>, (segment, block): (usize, usize)) -> Seeing<S> {
+    Seeing::load(simd, runs.map_or(&Seen::CLEAR, |runs| runs.block(segment, block)))
 }
