@@ -24,6 +24,8 @@ pub struct Frame {
     /// Mean z of what is seen, weighted by its contribution, the background left out; infinity where
     /// nothing is seen.
     pub expected_depth: Vec<f32>,
+    /// z at which the transmittance has fallen to a half; infinity where more than half passes.
+    pub median_depth: Vec<f32>,
     /// Unit normal of the first surface layer in the world, on the side that is seen; zero where there is none.
     pub normal: Vec<[f32; 3]>,
     /// Id of the front-most surface splat, counted through the scene's clouds; [`Frame::NO_ID`] where
@@ -49,6 +51,7 @@ impl Frame {
         let rest = if channels == Channels::All { width * height } else { 0 };
         self.depth.resize(rest, f32::INFINITY);
         self.expected_depth.resize(rest, f32::INFINITY);
+        self.median_depth.resize(rest, f32::INFINITY);
         self.normal.resize(rest, [0.0; 3]);
         self.id.resize(rest, Self::NO_ID);
     }
@@ -59,6 +62,7 @@ impl Frame {
         let channels = if self.depth.is_empty() { Channels::Color } else { Channels::All };
         let mut depth = self.depth.chunks_mut(size);
         let mut expected_depth = self.expected_depth.chunks_mut(size);
+        let mut median_depth = self.median_depth.chunks_mut(size);
         let mut normal = self.normal.chunks_mut(size);
         let mut id = self.id.chunks_mut(size);
         self.color.chunks_mut(size).map(move |color| FrameRows {
@@ -67,6 +71,7 @@ impl Frame {
             color,
             depth: depth.next().unwrap_or_default(),
             expected_depth: expected_depth.next().unwrap_or_default(),
+            median_depth: median_depth.next().unwrap_or_default(),
             normal: normal.next().unwrap_or_default(),
             id: id.next().unwrap_or_default(),
         })
@@ -80,6 +85,7 @@ pub(crate) struct FrameRows<'a> {
     pub(crate) color: &'a mut [[f32; 4]],
     pub(crate) depth: &'a mut [f32],
     pub(crate) expected_depth: &'a mut [f32],
+    pub(crate) median_depth: &'a mut [f32],
     pub(crate) normal: &'a mut [[f32; 3]],
     pub(crate) id: &'a mut [u32],
 }

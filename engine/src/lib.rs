@@ -46,5 +46,5 @@ pub use metrics::{Metrics, MetricsError, Pixels, compare};
 pub use observer::{Counts, Observer, Stage};
 pub use reference::{ReferenceKind, reference};
 pub use render::{Renderer, render};
-pub use scene::{Blend, FootprintForm, Light, RenderSettings, Scene};
+pub use scene::{Baseline, Blend, FootprintForm, Light, Order, RenderSettings, Scene};
 pub use validate::SceneError;

@@ -59,6 +59,47 @@ pub enum Blend {
     Display,
 }
 
+/// When the kernels along a ray are composited: between two closings things add, at a closing what has been added
+/// goes over what lies behind.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Order {
+    /// [`Order::Centers`] where all kernels have opacities, which are defined by it; else [`Order::Slabs`] of
+    /// [`Order::THICKNESS`].
+    #[default]
+    Auto,
+    /// After each kernel, by the distance of centres from the eye, which does not change when the camera turns in place.
+    Centers,
+    /// After each kernel, by its depth at the pixel, as far as a small window of kernels reaches.
+    PerPixel,
+    /// At planes parallel to the picture: no order within a slab. Kernels are shared out between slabs as if they were
+    /// narrower by what the slabs spread them.
+    Slabs {
+        /// Distance of the planes in median σ_z of the cloud's kernels (the least of the clouds'), above 0.
+        thickness: f64,
+    },
+    /// At the sheets of a grid that face the viewer most, as in Zwicker, Pfister, van Baar, Gross, *EWA Volume Splatting*,
+    /// 2001: a baseline, that pops where another axis takes over. The grid is that of the first cloud's kernels; they
+    /// must share one shape, whose half-axes are the grid's.
+    AxisSheets {
+        /// Distance of the sheets in σ of the kernels, above 0: 1/0.7 is a sheet a voxel where σ is 0.7 voxels.
+        spacing: f64,
+    },
+}
+
+impl Order {
+    /// The thickness of slabs where nothing is said: in median σ_z.
+    pub const THICKNESS: f64 = 2.0;
+}
+
+/// Ways that others go, to compare with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Baseline {
+    /// α = τ in place of 1 − e^{−τ} in [`Order::Centers`] and [`Order::PerPixel`].
+    Taylor,
+    /// Slabs take their shares of kernels as they are.
+    UncorrectedShares,
+}
+
 /// How a scene is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderSettings {
@@ -68,6 +109,10 @@ pub struct RenderSettings {
     pub low_pass: f64,
     /// The space of shading and blending.
     pub blend: Blend,
+    /// When kernels are composited.
+    pub order: Order,
+    /// A way that others go, in place of ours.
+    pub baseline: Option<Baseline>,
     /// Whether light acts; without it colours are shown as they are.
     pub shade: bool,
     /// Behind everything: linear Rec. 709, not premultiplied, and alpha.
@@ -86,6 +131,8 @@ impl Default for RenderSettings {
             footprint: FootprintForm::Auto,
             low_pass: 0.3,
             blend: Blend::Linear,
+            order: Order::Auto,
+            baseline: None,
             shade: true,
             background: [0.0; 4],
             tolerance: 1.0 / 255.0,

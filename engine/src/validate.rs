@@ -1,6 +1,6 @@
 //! What the rasterizer and the references can draw: checked once, by one rule, before either begins.
 
-use crate::scene::{Light, RenderSettings, Scene};
+use crate::scene::{Light, Order, RenderSettings, Scene};
 use glam::DVec3;
 use thiserror::Error;
 
@@ -66,6 +66,10 @@ impl RenderSettings {
         )?;
         check("tolerance", tolerance, (0.0..=1.0).contains(&tolerance), "it must be from 0 to 1")?;
         check("cut-off", cutoff, (1.0..=100.0).contains(&cutoff), "it must be from 1 to 100")?;
+        if let Order::Slabs { thickness: length } | Order::AxisSheets { spacing: length } = self.order {
+            let ok = (1e-3..=1e6).contains(&length);
+            check("thickness of slabs", length, ok, "it must be from 0.001 to 1e6")?;
+        }
         let [red, green, blue, alpha] = self.background.map(f64::from);
         for channel in [red, green, blue] {
             check("background", channel, channel.is_finite(), "it must be finite")?;
