@@ -15,6 +15,7 @@
 
 mod bin;
 pub mod camera;
+mod closing;
 pub mod cloud;
 pub mod color;
 mod columns;

@@ -54,6 +54,9 @@ pub struct Counts {
     /// Pixels that were evaluated, summed over the passes over surfaces and volumes: sixteen for each block of 4×4 that a
     /// splat's ellipse meets, as far as it could still be seen there.
     pub fragments: u64,
+    /// Pixels of kernels that came when one behind them had left the window of [`crate::Order::PerPixel`]: there the disorder was
+    /// larger than the window. 0 in other orders.
+    pub late: u64,
 }
 
 /// Told of each stage's begin and end, and of the counts at the end of a frame.

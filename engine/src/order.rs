@@ -47,6 +47,11 @@ pub(crate) struct Keys {
 }
 
 impl Keys {
+    /// Whole numbers below 2²² as they are: added to, 2²³ holds them in its lowest bits.
+    pub(crate) const OF_NUMBERS: Self =
+        Self { offset: 8_388_608.0, least: 8_388_608f32.to_bits(), dropped: 0 };
+
+    /// Distances of any range.
     pub(crate) fn of(runs: &[Run]) -> Self {
         let ends = |i: usize| runs.iter().map(move |run| run.distances[i]);
         let (nearest, farthest) =
@@ -83,16 +88,15 @@ pub(crate) struct Sorter {
 }
 
 impl Sorter {
-    /// Sorts the places of `runs` by the bits of distances there, and gives them in the array of the distances.
+    /// Sorts the places of `runs` by the keys of distances there, and gives them in the array of the distances.
     /// Runs are about as long as each other; `scratch` has room for all.
     pub(crate) fn sort<'a>(
         &mut self,
-        runs: &[Run],
+        (runs, keys): (&[Run], Keys),
         distances: &'a [AtomicU32],
         scratch: &[AtomicU64],
     ) -> &'a [AtomicU32] {
         let count: usize = runs.iter().map(|run| run.len).sum();
-        let keys = Keys::of(runs);
         let shares = rayon::current_num_threads().max(1);
         let share_of = |share: usize, whole: usize| share * whole / shares..(share + 1) * whole / shares;
         // An entry is a key and, as its low half, a place.
@@ -176,7 +180,7 @@ mod tests {
             expected.sort_by_key(|i| keys.key(distances[*i]));
             let expected: Vec<usize> = expected.into_iter().map(|i| i / 100 * 150 + i % 100).collect();
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let sorted = pool.install(|| Sorter::default().sort(&runs, &places, &scratch));
+            let sorted = pool.install(|| Sorter::default().sort((&runs, keys), &places, &scratch));
             let found: Vec<usize> = sorted.iter().map(|entry| entry.load(Relaxed) as usize).collect();
             prop_assert_eq!(found, expected);
         }

@@ -2,6 +2,7 @@
 
 use crate::bin::TileLists;
 use crate::camera::Camera;
+use crate::closing::Closing;
 use crate::composite::{Compositor, KernelBuffers, Runs};
 use crate::cull::{VisibleRange, find_visible};
 use crate::cuts::Cuts;
@@ -9,10 +10,10 @@ use crate::footprint::{Lens, Records, SceneView};
 use crate::frame::{Channels, Frame, FrameRows};
 use crate::layers::{LayerBuffers, LayerBuilder, depth_tolerances};
 use crate::observer::{Counts, Observer, Stage};
-use crate::order::{Sorter, gather};
+use crate::order::{Keys, Sorter, gather};
 use crate::raster::{KernelLens, Surfaces, SurfelLens};
 use crate::resolve::Resolver;
-use crate::scene::{RenderSettings, Scene};
+use crate::scene::{Baseline, RenderSettings, Scene};
 use crate::shade::Shader;
 use crate::simd::{Level, dispatch};
 use crate::tile::Tile;
@@ -116,16 +117,17 @@ impl Renderer {
         settings.validate()?;
         let splats = scene.validate()?;
         watched(observer, Stage::Cull, || self.cull(scene, camera, settings));
-        watched(observer, Stage::Footprint, || self.project(scene, camera, settings));
+        let closing = Closing::new(scene, camera, settings)?;
+        watched(observer, Stage::Footprint, || self.project(scene, camera, (settings, closing)));
         self.surfaces.list_by_cluster(observer, (camera.size(), self.tile_side), &mut self.scratch);
         self.volumes.list_by_distance(
-            observer,
+            (observer, closing),
             (camera.size(), self.tile_side),
             (&mut self.sorter, &mut self.scratch),
         );
-        let fragments = self.draw(camera, settings, observer);
+        let [fragments, late] = self.draw(camera, (settings, closing), observer);
         let visible = (self.surfaces.records.len() + self.volumes.records.len()) as u64;
-        observer.counts(Counts { splats: splats as u64, visible, fragments });
+        observer.counts(Counts { splats: splats as u64, visible, fragments, late });
         Ok(&self.frame)
     }
 
@@ -143,19 +145,24 @@ impl Renderer {
         surfaces.sort_by(|a, b| a.distances[0].total_cmp(&b.distances[0]));
     }
 
-    fn project(&mut self, scene: &Scene, camera: &Camera, settings: &RenderSettings) {
+    fn project(&mut self, scene: &Scene, camera: &Camera, (settings, closing): (&RenderSettings, Closing)) {
         self.shaders.clear();
         self.shaders.extend(scene.clouds.iter().map(|cloud| Shader::new(scene, camera, cloud.material())));
         self.depth_tolerances.clear();
         self.depth_tolerances.extend(depth_tolerances(&scene.clouds));
-        let view = SceneView { scene, camera, settings, shaders: &self.shaders, level: self.level };
+        let view = SceneView { scene, camera, settings, shaders: &self.shaders, closing, level: self.level };
         let [surfaces, volumes] = &self.visible;
         self.surfaces.records.project(&view, surfaces);
         self.volumes.records.project(&view, volumes);
     }
 
-    /// Draws the tiles; gives the number of pixels that were evaluated.
-    fn draw(&mut self, camera: &Camera, settings: &RenderSettings, observer: &dyn Observer) -> u64 {
+    /// Draws the tiles; gives the numbers of pixels that were evaluated, and where kernels came late.
+    fn draw(
+        &mut self,
+        camera: &Camera,
+        (settings, closing): (&RenderSettings, Closing),
+        observer: &dyn Observer,
+    ) -> [u64; 2] {
         let Self { surfaces, volumes, shaders, depth_tolerances, level, tile_side: side, .. } = self;
         let picture = camera.size().map(|length| length as usize);
         let [columns, rows] = picture.map(|length| length.div_ceil(*side));
@@ -173,7 +180,14 @@ impl Renderer {
             compositor: Compositor {
                 records: &volumes.records.records,
                 rects: &volumes.records.rects,
-                lens: KernelLens { lens, near, cutoff, least_alpha: settings.tolerance as f32 },
+                lens: KernelLens {
+                    lens,
+                    near,
+                    cutoff,
+                    least_alpha: settings.tolerance as f32,
+                    closing,
+                    is_taylor: settings.baseline == Some(Baseline::Taylor),
+                },
                 spent,
                 keeps_depth: settings.channels == Channels::All,
             },
@@ -192,7 +206,7 @@ impl Renderer {
         let bands: Vec<Mutex<FrameRows>> = self.frame.bands(*side).map(Mutex::new).collect();
         let threads = rayon::current_num_threads().max(1);
         self.threads.resize_with(threads.max(self.threads.len()), || Mutex::new(TileBuffers::new()));
-        let (next, fragments) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        let (next, counts) = (AtomicUsize::new(0), [0; 2].map(AtomicUsize::new));
         self.threads[..threads].par_iter().with_max_len(1).for_each(|buffers| {
             let mut buffers = buffers.lock().unwrap_or_else(PoisonError::into_inner);
             loop {
@@ -203,11 +217,12 @@ impl Renderer {
                 let tile = Tile::new([index % columns, index / columns], *side, picture);
                 let lists = [surfaces.lists.tile(index), volumes.lists.tile(index)];
                 let band = &bands[index / columns];
-                let count = drawer.draw((tile, lists), &mut buffers, band);
-                fragments.fetch_add(count as usize, Relaxed);
+                for (sum, own) in counts.iter().zip(drawer.draw((tile, lists), &mut buffers, band)) {
+                    sum.fetch_add(own as usize, Relaxed);
+                }
             }
         });
-        fragments.into_inner() as u64
+        counts.map(|count| count.into_inner() as u64)
     }
 }
 
@@ -224,16 +239,17 @@ impl Drawn {
         watched(observer, Stage::Bin, || self.lists.fill(size, gather(runs, distances), rects, scratch));
     }
 
-    /// Lists records by their distance.
+    /// Lists records by their distance, or by their first slab.
     fn list_by_distance(
         &mut self,
-        observer: &dyn Observer,
+        (observer, closing): (&dyn Observer, Closing),
         size: ([u32; 2], usize),
         (sorter, scratch): (&mut Sorter, &mut Vec<AtomicU64>),
     ) {
         let Records { distances, runs, rects, .. } = &self.records;
         scratch.resize_with(self.records.len().max(scratch.len()), AtomicU64::default);
-        let order = watched(observer, Stage::Order, || sorter.sort(runs, distances, scratch));
+        let keys = if closing.has_slabs() { Keys::OF_NUMBERS } else { Keys::of(runs) };
+        let order = watched(observer, Stage::Order, || sorter.sort((runs, keys), distances, scratch));
         watched(observer, Stage::Bin, || self.lists.fill(size, order, rects, scratch));
     }
 }
@@ -266,34 +282,37 @@ struct TileDrawer<'a> {
 }
 
 impl TileDrawer<'_> {
-    /// Draws a tile from its lists of surfaces and volumes; gives the number of pixels that were evaluated.
+    /// Draws a tile from its lists of surfaces and volumes; gives the numbers of pixels that were evaluated, and where
+    /// kernels came late.
     fn draw(
         &self,
         (tile, [surfaces, volumes]): (Tile, [&[AtomicU32]; 2]),
         buffers: &mut TileBuffers,
         band: &Mutex<FrameRows>,
-    ) -> u64 {
+    ) -> [u64; 2] {
         let Self { layers: builder, compositor, resolver, observer, level } = self;
         let TileBuffers { layers, cuts, kernels, runs } = buffers;
-        let mut count = watched(
+        let mut counts = [0; 2];
+        counts[0] = watched(
             *observer,
             Stage::Layers,
             || dispatch!(*level, simd => builder.build(simd, (tile, surfaces), layers, cuts)),
         );
         let has_runs = !volumes.is_empty();
         if has_runs {
-            count += watched(
+            let [count, late] = watched(
                 *observer,
                 Stage::Composite,
                 || dispatch!(*level, simd => compositor.add(simd, (tile, volumes), cuts, (kernels, runs))),
             );
+            counts = [counts[0] + count, late];
         }
         watched(*observer, Stage::Resolve, || {
             let mut rows = band.lock().unwrap_or_else(PoisonError::into_inner);
             let runs = has_runs.then_some(&*runs);
             dispatch!(*level, simd => resolver.tile(simd, tile, (cuts, runs), &mut rows));
         });
-        count
+        counts
     }
 }
 

@@ -75,7 +75,7 @@ impl Resolver<'_> {
                     #[inline(always)]
                     || self.shade(simd, (tile, block), cut, depth),
                 );
-                seen = seen.over(simd, Seeing::layer(color, depth, alpha));
+                seen = seen.over(simd, Seeing::layer(simd, color, depth, alpha));
             }
             if layer + 1 < segments {
                 seen = seen.over(simd, run(simd, runs, (layer + 1, block)));
@@ -136,7 +136,7 @@ impl Resolver<'_> {
             #[inline(always)]
             |c| W::simd_from(simd, c),
         );
-        Seeing::layer(color, W::simd_from(simd, 0.0), W::simd_from(simd, alpha))
+        Seeing::layer(simd, color, W::simd_from(simd, 0.0), W::simd_from(simd, alpha))
     }
 
     /// Linear, premultiplied colours over the background.
@@ -169,11 +169,15 @@ impl Resolver<'_> {
         (places, columns): (&[usize], usize),
         rows: &mut FrameRows,
     ) {
-        let (depth, opacity): ([f32; PIXELS], [f32; PIXELS]) = (seen.depth.into(), seen.opacity.into());
+        let [depth, opacity, median]: [[f32; PIXELS]; 3] = [seen.depth, seen.opacity, seen.median].each(
+            #[inline(always)]
+            |v| v.into(),
+        );
         for (row, first) in places.iter().enumerate() {
             for (place, pixel) in (*first..*first + columns).zip(row * BLOCK_SIDE..) {
                 rows.expected_depth[place] =
                     if opacity[pixel] > 0.0 { depth[pixel] / opacity[pixel] } else { f32::INFINITY };
+                rows.median_depth[place] = median[pixel];
                 rows.depth[place] = cut.depth.0[pixel];
                 let normal = glam::Vec3::from(cut.normal.map(|plane| plane.0[pixel]));
                 rows.normal[place] = (self.camera_to_world * normal.as_dvec3()).as_vec3().to_array();

@@ -24,6 +24,7 @@ pub(crate) struct Plane(pub(crate) [f32; PIXELS]);
 
 impl Plane {
     pub(crate) const ZERO: Self = Self([0.0; PIXELS]);
+    pub(crate) const INFINITY: Self = Self([f32::INFINITY; PIXELS]);
 
     #[inline(always)]
     pub(crate) fn load<S: Simd>(&self, simd: S) -> W<S> {
@@ -33,12 +34,6 @@ impl Plane {
     #[inline(always)]
     pub(crate) fn store<S: Simd>(&mut self, pixels: W<S>) {
         self.0 = pixels.into();
-    }
-
-    /// Adds a · b.
-    #[inline(always)]
-    pub(crate) fn add_product<S: Simd>(&mut self, simd: S, a: W<S>, b: W<S>) {
-        self.store(a.mul_add(b, self.load(simd)));
     }
 }
 

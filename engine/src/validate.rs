@@ -31,6 +31,11 @@ pub enum SceneError {
         /// Its number in the scene.
         cloud: usize,
     },
+    /// Sheets were asked for where there is no grid.
+    #[error(
+        "there are no sheets: the first cloud of kernels is empty, or its kernels don't share one shape as a grid's do"
+    )]
+    NoGrid,
     /// More clouds or splats than ids can name.
     #[error("the scene has {clouds} clouds with {splats} splats; at most 65535 and 4294967294 can be named")]
     Count {

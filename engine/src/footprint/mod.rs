@@ -10,6 +10,7 @@ pub use ewa::{CameraSplat, Footprint, Hit, Lens};
 pub use record::{Form, Kind, Record, RecordHit, Rect, Tag};
 
 use crate::camera::Camera;
+use crate::closing::Closing;
 use crate::cull::{CLUSTER_SIZE, Frustum, VisibleRange};
 use crate::order::Run;
 use crate::scene::{RenderSettings, Scene};
@@ -40,7 +41,7 @@ pub(crate) struct SurfaceSample {
 struct Projected {
     record: Record,
     rect: Rect,
-    /// From the eye, or z where rays are parallel.
+    /// What volumes are sorted by, and surfaces roughly: from the eye, or z where rays are parallel; or the first slab.
     distance: f32,
     sample: SurfaceSample,
 }
@@ -137,6 +138,7 @@ pub(crate) struct SceneView<'a> {
     pub(crate) settings: &'a RenderSettings,
     /// One a cloud.
     pub(crate) shaders: &'a [Shader],
+    pub(crate) closing: Closing,
     pub(crate) level: Level,
 }
 
@@ -144,7 +146,7 @@ impl SceneView<'_> {
     fn projector(&self, cloud: usize) -> Projector<'_> {
         let Self { scene, camera, settings, shaders, .. } = *self;
         let (lens, frustum) = (Lens::new(camera, settings.low_pass), Frustum::new(camera));
-        let view = View { camera, settings, lens, frustum };
+        let view = View { camera, settings, lens, frustum, closing: self.closing };
         Projector::new(&scene.clouds[cloud], cloud as u16, &shaders[cloud], view)
     }
 }

@@ -50,9 +50,10 @@ pub struct Record {
     pub sigma_z: f32,
     /// dz/du at the centre, in world units a pixel.
     pub depth_slope: [f32; 2],
-    /// Change of a surface sample's coverage a pixel: n·v along the picture. The plane's tilt follows from it;
-    /// the affine form leaves it out of the coverage.
-    pub amplitude_slope: [f32; 2],
+    /// Of a surface sample the change of its coverage a pixel: n·v along the picture. The plane's tilt follows from it; the
+    /// affine form leaves it out of the coverage. Of a volume kernel the first and the last slab that it may touch,
+    /// where there are slabs.
+    pub amplitude_slope_or_slabs: [f32; 2],
     /// Shaded colour of a volume kernel; base colour of a surface sample. In the blend space.
     pub color: [f32; 3],
     /// Cloud, kind and form.
@@ -114,7 +115,7 @@ impl Record {
         conic_root: [0.0; 3],
         sigma_z: 0.0,
         depth_slope: [0.0; 2],
-        amplitude_slope: [0.0; 2],
+        amplitude_slope_or_slabs: [0.0; 2],
         color: [0.0; 3],
         tag: Tag { cloud: 0, kind: Kind::Extinction, form: Form::Affine },
     };
@@ -128,7 +129,7 @@ impl Record {
             depth_slope: [footprint.depth_slope.x as f32, footprint.depth_slope.y as f32],
             sigma_z: footprint.sigma_z as f32,
             amplitude: 0.0,
-            amplitude_slope: [0.0; 2],
+            amplitude_slope_or_slabs: [0.0; 2],
             color: [0.0; 3],
             tag: Tag { cloud: 0, kind: Kind::Extinction, form },
         }

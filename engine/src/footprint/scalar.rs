@@ -5,6 +5,7 @@ use super::ewa::{CameraSplat, Footprint, Lens};
 use super::record::{Form, Kind, Record, Rect};
 use super::{Projected, SurfaceSample, cutoff_gain};
 use crate::camera::{Camera, Projection};
+use crate::closing::Closing;
 use crate::cloud::{Cloud, OpacityFilter, area_scale};
 use crate::color::{linear_to_srgb, srgb_to_linear};
 use crate::columns;
@@ -26,6 +27,7 @@ pub(super) struct View<'a> {
     pub(super) settings: &'a RenderSettings,
     pub(super) lens: Lens,
     pub(super) frustum: Frustum,
+    pub(super) closing: Closing,
 }
 
 /// Projects the splats of one cloud.
@@ -66,7 +68,7 @@ impl<'a> Projector<'a> {
 
     /// What is drawn of a splat; `None` if nothing.
     pub(super) fn project_splat(&self, index: usize, first_id: u32) -> Option<Projected> {
-        let View { camera, settings, lens, frustum } = &self.view;
+        let View { camera, settings, lens, frustum, closing } = &self.view;
         let splats = self.cloud.columns();
         let factor_in_cloud = splats.factor(index);
         let splat = CameraSplat {
@@ -156,7 +158,7 @@ impl<'a> Projector<'a> {
                 let slope = geometric_normal.truncate() / lens.focal * coverage;
                 record.tag.kind = Kind::Surface;
                 record.amplitude = single(coverage * geometric_normal.dot(ray));
-                record.amplitude_slope = [single(slope.x), single(slope.y)];
+                record.amplitude_slope_or_slabs = [single(slope.x), single(slope.y)];
                 record.color = color;
                 // The side that is seen is the shape's; a shading normal agrees with it.
                 let normal = match normal.dot(geometric_normal) {
@@ -168,11 +170,20 @@ impl<'a> Projector<'a> {
                 sample.opacity = splats.opacity(index);
             }
         }
-        if record.amplitude == 0.0 && record.amplitude_slope == [0.0; 2] {
+        if record.amplitude == 0.0 && record.amplitude_slope_or_slabs == [0.0; 2] {
             return None;
         }
-        let distance = if perspective { splat.center.length() } else { splat.center.z };
-        Some(Projected { record, rect, distance: distance as f32, sample })
+        let mut distance = if perspective { splat.center.length() } else { splat.center.z } as f32;
+        if record.tag.kind != Kind::Surface && closing.has_slabs() {
+            let [_, farthest] = footprint.depth_range(cutoff);
+            let reach = farthest - splat.center.z;
+            let along = (reach.powi(2) - cutoff * footprint.sigma_z.powi(2)).max(0.0).sqrt();
+            let reach = if exact { reach } else { along } as f32;
+            let center = splat.center.as_vec3().to_array();
+            record.amplitude_slope_or_slabs = closing.slabs_of_one(center, [footprint.sigma_z as f32, reach]);
+            distance = record.amplitude_slope_or_slabs[0];
+        }
+        Some(Projected { record, rect, distance, sample })
     }
 
     /// The splat's colour in the space of blending, as it is seen from the eye.

@@ -3,6 +3,7 @@
 use super::offsets::{Exact, HALF_LOG2_E};
 use super::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
 use crate::camera::Projection;
+use crate::closing::{Closing, Slabs, Spread, share_of_box, share_of_normal};
 use crate::footprint::{Kind, Lens, Record, Rect};
 use crate::simd::*;
 use crate::tile::{HALF_BLOCK, Tile};
@@ -12,6 +13,9 @@ const THIN_PEAK: f32 = 0.25;
 
 /// (1 − e^{−t})/t on [0, [`THIN_PEAK`]] to 2e-5 of itself, relative minimax.
 const THIN: [f32; 3] = [0.999_980_4, -0.498_614_63, 0.151_798_94];
+
+/// α = τ.
+const TAYLOR: [f32; 3] = [1.0, 0.0, 0.0];
 
 /// Beyond this many σ_z a kernel has 6e-5 of its mass, which counts as none.
 pub(crate) const REACH: f32 = 4.0;
@@ -24,6 +28,57 @@ pub(crate) struct KernelLens {
     pub(crate) cutoff: f32,
     /// `Opacity` kernels end where they fall below this.
     pub(crate) least_alpha: f32,
+    pub(crate) closing: Closing,
+    /// Whether opacities are taken to be optical depths.
+    pub(crate) is_taylor: bool,
+}
+
+/// The slabs of a batch of records, or of pieces of them.
+#[repr(C, align(64))]
+pub(crate) struct SlabColumns {
+    /// Slabs that may be touched.
+    pub(crate) first: [u32; BATCH],
+    pub(crate) last: [u32; BATCH],
+    /// See [`Spread`].
+    inverse: Column,
+    half: Column,
+    boxes: u64,
+    /// Pieces that begin, and that end, their records.
+    begin: u64,
+    end: u64,
+}
+
+impl SlabColumns {
+    const NONE: Self = Self {
+        first: [0; BATCH],
+        last: [0; BATCH],
+        inverse: [0.0; BATCH],
+        half: [0.0; BATCH],
+        boxes: 0,
+        begin: 0,
+        end: 0,
+    };
+
+    /// Takes in a piece of a record that reaches from its first to its last slab.
+    #[inline(always)]
+    pub(crate) fn set(&mut self, number: usize, [first, last]: [u32; 2], [begin, end]: [bool; 2]) {
+        let number = number % BATCH;
+        (self.first[number], self.last[number]) = (first, last);
+        self.begin = self.begin & !(1 << number) | u64::from(begin) << number;
+        self.end = self.end & !(1 << number) | u64::from(end) << number;
+    }
+
+    /// Whether the slabs before the first one have had their share already.
+    #[inline(always)]
+    pub(crate) fn goes_on(&self, number: usize) -> bool {
+        self.begin >> number & 1 == 0
+    }
+
+    /// Whether nothing is left for the slabs behind the last one.
+    #[inline(always)]
+    pub(crate) fn ends(&self, number: usize) -> bool {
+        self.end >> number & 1 != 0
+    }
 }
 
 /// Volume records of a tile, as many as go together, and what follows from them.
@@ -41,6 +96,8 @@ pub(crate) struct Kernels {
     reach: Column,
     /// Those whose opacities are the polynomial; of optical depths only in the affine form, where they have a peak.
     pub(crate) plain: u64,
+    /// Where there are slabs.
+    pub(crate) slabs: SlabColumns,
     /// Those of kind `Opacity`.
     opacities: u64,
     /// Those that lie wholly behind the near plane.
@@ -75,6 +132,7 @@ impl Kernels {
         amplitude: [0.0; BATCH],
         reach: [0.0; BATCH],
         plain: 0,
+        slabs: SlabColumns::NONE,
         opacities: 0,
         whole: 0,
         masks: BlockMasks::NONE,
@@ -107,6 +165,20 @@ impl Kernels {
             hidden |= nearest.simd_gt(W::simd_from(simd, hidden_from)).to_bitmask() << first;
             self.whole |= nearest.simd_gt(W::simd_from(simd, lens.near)).to_bitmask() << first;
         }
+        if let Closing::Slabs(slabs) = lens.closing {
+            self.slabs.boxes = 0;
+            for first in self.outlines.sixteens() {
+                let Spread { inverse, half, is_box } =
+                    slabs.spread(simd, sixteen(simd, &self.outlines.sigma_z, first));
+                inverse.store_slice(&mut self.slabs.inverse[first..first + 16]);
+                half.store_slice(&mut self.slabs.half[first..first + 16]);
+                self.slabs.boxes |= is_box.to_bitmask() << first;
+            }
+        }
+        if lens.closing.has_slabs() {
+            // Sums are of optical depths.
+            self.plain &= !self.opacities;
+        }
         self.masks = self.outlines.blocks(simd, tile, !hidden, rect);
     }
 
@@ -114,20 +186,27 @@ impl Kernels {
     #[inline(always)]
     fn prepare<S: Simd>(&mut self, simd: S, lens: &KernelLens, first: usize) {
         let range = first..first + 16;
-        let amplitude = sixteen(simd, &self.amplitude, first);
+        let mut amplitude = sixteen(simd, &self.amplitude, first);
+        if lens.is_taylor {
+            amplitude = amplitude.min(W::simd_from(simd, 1.0));
+        }
         let square = amplitude * amplitude;
         let opacity = mask32x16::from_bitmask(simd, self.opacities >> first);
         let exact = mask32x16::from_bitmask(simd, self.outlines.exact >> first);
         let zero = W::simd_from(simd, 0.0);
+        let [linear, quadratic, cubic] = if lens.is_taylor { TAYLOR } else { THIN };
         let thin = [
-            opacity.select(amplitude, amplitude * THIN[0]),
-            opacity.select(zero, square * THIN[1]),
-            opacity.select(zero, square * amplitude * THIN[2]),
+            opacity.select(amplitude, amplitude * linear),
+            opacity.select(zero, square * quadratic),
+            opacity.select(zero, square * amplitude * cubic),
         ];
         for (column, thin) in self.alpha.iter_mut().zip(thin) {
             thin.store_slice(&mut column[range.clone()]);
         }
-        let is_plain = opacity | (amplitude.simd_le(W::simd_from(simd, THIN_PEAK)) & !exact);
+        // No polynomial is needed where optical depths add up.
+        let any = lens.is_taylor || lens.closing.has_slabs();
+        let most = W::simd_from(simd, if any { f32::INFINITY } else { THIN_PEAK });
+        let is_plain = opacity | (amplitude.simd_le(most) & !exact);
         self.plain |= is_plain.to_bitmask() << first;
         // An opacity that is not seen at all was dropped: the logarithm is positive.
         let end = W::simd_from(simd, lens.cutoff * HALF_LOG2_E);
@@ -193,19 +272,6 @@ impl Kernels {
         self.opacities >> number & 1 != 0
     }
 
-    /// The opacity of a whole kernel at pixels.
-    #[inline(always)]
-    pub(crate) fn alpha<S: Simd>(
-        &self,
-        simd: S,
-        number: usize,
-        pixels: [W<S>; 2],
-        tile: (Tile, &KernelLens),
-    ) -> W<S> {
-        let Fragments { strength, .. } = self.fragments(simd, number, pixels, tile);
-        if self.is_opacity(number) { strength } else { opacity(simd, strength) }
-    }
-
     /// The opacity of a share of a kernel, of an optical depth.
     #[inline(always)]
     pub(crate) fn opacity<S: Simd>(&self, simd: S, number: usize, optical_depth: W<S>) -> W<S> {
@@ -231,6 +297,42 @@ impl Kernels {
             |column| W::simd_from(simd, column[number]),
         );
         w * w.mul_add(w.mul_add(third, second), first)
+    }
+
+    /// The optical depth of a plain kernel at pixels, where sums are of optical depths.
+    #[inline(always)]
+    pub(crate) fn plain_optical_depth<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
+        let exponent = self.outlines.offsets(simd, number, pixels).exponent;
+        self.weight(simd, number, exponent) * self.amplitude[number]
+    }
+
+    /// The slabs that a record, or a piece of one, may touch in the block with a corner.
+    #[inline(always)]
+    pub(crate) fn slabs_in(&self, number: usize, corner: [f32; 2], slabs: &Slabs) -> [u32; 2] {
+        let SlabColumns { first, last, half, .. } = &self.slabs;
+        let range = first[number]..=last[number];
+        if self.outlines.is_exact(number) {
+            return [*range.start(), *range.end()];
+        }
+        let (depth, slope, _) = self.outlines.plane(number);
+        let [x, y] = [0, 1].map(|axis| corner[axis] + HALF_BLOCK - self.outlines.mean[axis][number]);
+        let middle = slope[0].mul_add(x, slope[1].mul_add(y, depth)) - slabs.near as f32;
+        let half = (slope[0].abs() + slope[1].abs()).mul_add(HALF_BLOCK, half[number]);
+        let per_length = (1.0 / slabs.thickness) as f32;
+        [middle - half, middle + half].map(|z| ((z * per_length) as u32).clamp(*range.start(), *range.end()))
+    }
+
+    /// The share of a record that lies before the plane where a slab begins, from its z at pixels.
+    #[inline(always)]
+    pub(crate) fn share_before<S: Simd>(
+        &self,
+        simd: S,
+        number: usize,
+        depth: W<S>,
+        (slabs, slab): (&Slabs, u32),
+    ) -> W<S> {
+        let x = (W::simd_from(simd, slabs.plane(slab) as f32) - depth) * self.slabs.inverse[number];
+        if self.slabs.boxes >> number & 1 != 0 { share_of_box(simd, x) } else { share_of_normal(simd, x) }
     }
 
     /// z at pixels.

@@ -141,8 +141,8 @@ impl Surfel {
             depth_slope: record.depth_slope,
             sigma_z: record.sigma_z,
             facing: record.amplitude,
-            facing_slope: record.amplitude_slope,
-            tilt: record.amplitude_slope.each(
+            facing_slope: record.amplitude_slope_or_slabs,
+            tilt: record.amplitude_slope_or_slabs.each(
                 #[inline(always)]
                 |slope| slope * per_facing,
             ),

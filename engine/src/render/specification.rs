@@ -7,7 +7,7 @@ use crate::camera::{Pose, Projection};
 use crate::cloud::{Cloud, Material, OpacityFilter, Shapes, Splats, Strength, Surface, oblate_factor};
 use crate::footprint::{Form, Kind, Record, Rect};
 use crate::order::Keys;
-use crate::scene::FootprintForm;
+use crate::scene::{FootprintForm, Order};
 use glam::{DAffine3, DMat3, DVec2, DVec3, Mat3, Vec3};
 
 /// A footprint at one pixel.
@@ -154,7 +154,7 @@ impl<'a> Specification<'a> {
             }
             // n·v changes linearly along the picture, and with it where the plane is.
             let facing = f64::from(record.amplitude);
-            let change = DVec2::from(record.amplitude_slope.map(f64::from)).dot(u);
+            let change = DVec2::from(record.amplitude_slope_or_slabs.map(f64::from)).dot(u);
             let depth = f64::from(record.depth);
             let is_perspective = self.camera.projection() == Projection::Perspective;
             let zeta = if is_perspective { depth } else { 1.0 };
@@ -350,7 +350,8 @@ fn pictures_are_what_is_specified() {
     let pose = Pose::look_at(DVec3::new(1.2, 0.9, -4.0), DVec3::ZERO, DVec3::Y).unwrap();
     let perspective = Camera::perspective(pose, 0.5, [45, 37]).unwrap();
     let parallel = Camera::orthographic(pose, 2.2, [45, 37]).unwrap();
-    let fine = RenderSettings { tolerance: 1e-5, shade: false, ..RenderSettings::default() };
+    let fine =
+        RenderSettings { tolerance: 1e-5, shade: false, order: Order::Centers, ..RenderSettings::default() };
     let usual = RenderSettings { tolerance: 1.0 / 255.0, background: [0.1, 0.2, 0.3, 1.0], ..fine };
     let opaque = || sheet(1.0, 35.0, 0.2);
     let two = || [sheet(0.5, -20.0, -0.4), opaque()];
@@ -408,7 +409,8 @@ fn compare(scene: &Scene, camera: &Camera, settings: &RenderSettings, level: Lev
     renderer.render(scene, camera, settings, &()).unwrap();
     // The renderer's own distances are spent by sorting.
     let mut volumes = Records::default();
-    let view = SceneView { scene, camera, settings, shaders: &renderer.shaders, level };
+    let view =
+        SceneView { scene, camera, settings, shaders: &renderer.shaders, closing: Closing::Centers, level };
     volumes.project(&view, &renderer.visible[1]);
     let records = [&renderer.surfaces.records, &volumes];
     let specification = Specification::new(records, (camera, settings), &renderer.depth_tolerances);

@@ -135,7 +135,8 @@ pub(super) fn compare(
         return Err(format!("{:?} for {:?}", x.tag, y.tag));
     }
     let coverage = f64::from(y.amplitude.abs()).max(
-        f64::from(Vec3::from([y.amplitude_slope[0], y.amplitude_slope[1], 0.0]).length()) * lens.focal.x,
+        f64::from(Vec3::from([y.amplitude_slope_or_slabs[0], y.amplitude_slope_or_slabs[1], 0.0]).length())
+            * lens.focal.x,
     );
     let ratio = if perspective { extent / splat.center.z.abs() } else { 1.0 };
     let amplitude = match setup.kind {
@@ -144,7 +145,12 @@ pub(super) fn compare(
     };
     close("amplitude", x.amplitude, y.amplitude, amplitude)?;
     for axis in 0..2 {
-        close("amplitude slope", x.amplitude_slope[axis], y.amplitude_slope[axis], amplitude / lens.focal.x)?;
+        close(
+            "amplitude slope",
+            x.amplitude_slope_or_slabs[axis],
+            y.amplitude_slope_or_slabs[axis],
+            amplitude / lens.focal.x,
+        )?;
     }
     compare_looks(setup, projector, (splat, index, *extent), (a, b))?;
     compare_rects(setup, (&footprint, &bounds, ratio), (a, b))

@@ -60,6 +60,7 @@ fn check(setup: &Setup, splats: &[Seen]) -> Result<(), TestCaseError> {
         camera: &camera,
         settings: &setup.settings,
         shaders: &shaders,
+        closing: Closing::Centers,
         level: Level::Baseline,
     };
     let projector = view.projector(0);
@@ -114,8 +115,14 @@ fn what_is_fainter_than_the_tolerance_is_not_drawn() {
     let scene = Scene { clouds: vec![cloud(&setup, &[splat], &camera)], lights: Vec::new() };
     let shaders = [Shader::new(&scene, &camera, Material::default())];
     let settings = &setup.settings;
-    let view =
-        SceneView { scene: &scene, camera: &camera, settings, shaders: &shaders, level: Level::Baseline };
+    let view = SceneView {
+        scene: &scene,
+        camera: &camera,
+        settings,
+        shaders: &shaders,
+        closing: Closing::Centers,
+        level: Level::Baseline,
+    };
     let projector = view.projector(0);
     let middle = projector.cloud.center(0);
     assert!(wide(Level::Baseline, &projector, middle, false)[0].is_none(), "the wide projection shows it");

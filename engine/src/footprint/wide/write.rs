@@ -39,10 +39,18 @@ impl WideProjector<'_> {
         let hard = !(footprints.is_simple | behind).to_bitmask() as u32 & valid;
         let start = out.run.len;
         if visible != 0 {
-            let distance = if self.perspective { dot(placed.center, placed.center).sqrt() } else { z };
+            let closing = self.scalar.view.closing;
+            let (mut distance, mut slope) =
+                (if self.perspective { dot(placed.center, placed.center).sqrt() } else { z }, looks.slope);
+            if !range.is_surface && closing.has_slabs() {
+                let along = (-footprints.sigma_z).mul_add(footprints.sigma_z, footprints.zz).max(zero);
+                let along = exact.select(reach, (along * self.cutoff).sqrt());
+                slope = closing.slabs(simd, placed.center, [footprints.sigma_z, along]);
+                distance = slope[0];
+            }
             ends[0] = seen.select(distance, ends[0]).min(ends[0]);
             ends[1] = seen.select(distance, ends[1]).max(ends[1]);
-            let drawn = (visible, exact, distance, [left, top, right, bottom]);
+            let drawn = (visible, exact, (distance, slope), [left, top, right, bottom]);
             self.write(simd, drawn, (placed, footprints, looks), out);
             if range.is_surface {
                 self.write_samples(simd, (range, first, visible), looks.normal, (start, out.samples));
@@ -81,7 +89,7 @@ impl WideProjector<'_> {
     fn write<S: Simd>(
         &self,
         simd: S,
-        (visible, exact, distance, edges): (u32, M<S>, V<S>, [V<S>; 4]),
+        (visible, exact, (distance, other), edges): (u32, M<S>, (V<S>, [V<S>; 2]), [V<S>; 4]),
         (placed, footprints, looks): (&Placed<S>, &Footprints<S>, &Looks<S>),
         out: &mut Places,
     ) {
@@ -105,7 +113,7 @@ impl WideProjector<'_> {
         let quads = [
             rows(simd, [mean[0], mean[1], placed.center[2], amplitude]),
             rows(simd, [a, b, c, footprints.sigma_z]),
-            rows(simd, [slope[0], slope[1], looks.slope[0], looks.slope[1]]),
+            rows(simd, [slope[0], slope[1], other[0], other[1]]),
             rows(simd, [red, green, blue, splat(simd, 0.0)]),
         ];
         let tags = [Form::Affine, Form::Exact].map(|form| Tag { cloud: self.scalar.cloud_index, kind, form });
@@ -170,8 +178,8 @@ fn set_numbers(record: &mut Record, [place, shape, slope, color]: [&[f32; 4]; 4]
     record.sigma_z = shape[3];
     record.depth_slope[0] = slope[0];
     record.depth_slope[1] = slope[1];
-    record.amplitude_slope[0] = slope[2];
-    record.amplitude_slope[1] = slope[3];
+    record.amplitude_slope_or_slabs[0] = slope[2];
+    record.amplitude_slope_or_slabs[1] = slope[3];
     record.color[0] = color[0];
     record.color[1] = color[1];
     record.color[2] = color[2];

@@ -1,0 +1,236 @@
+//! When what is open along a ray is closed: the policies of [`Order`], as the stages need them.
+//!
+//! **Matched slabs.** Slabs spread what lies in them: a kernel's part could be anywhere in a slab of thickness d, which adds
+//! a variance of d²/12, and without order in the slab as much again. So a kernel is shared out as if its variance along
+//! the ray were less by d²/6, and the spread that results is its own. Where it is narrower than a slab then (the variance at
+//! most d²/12) it is a box of that variance, which touches two slabs at most and costs a clamp; else it is a normal
+//! distribution, and the picture converges to the integral as d shrinks.
+
+use crate::camera::{Camera, Projection};
+use crate::cloud::Cloud;
+use crate::columns::{Columns, Factors, Kind};
+use crate::footprint::{CameraSplat, Footprint, Lens};
+use crate::scene::{Baseline, Order, RenderSettings, Scene};
+use crate::simd::*;
+use crate::validate::SceneError;
+use glam::{DVec3, Vec3};
+
+/// A policy, with what it needs to know of a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Closing {
+    /// After each kernel, by distance.
+    Centers,
+    /// After each kernel, by depth in a window.
+    PerPixel,
+    /// At planes.
+    Slabs(Slabs),
+    /// At sheets of a grid.
+    Sheets(Sheets),
+}
+
+/// Planes parallel to the picture, the first one the near plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Slabs {
+    pub(crate) near: f64,
+    pub(crate) thickness: f64,
+    /// What slabs add to the variance of kernels, in units of d².
+    added: f32,
+}
+
+/// Sheets of a grid, by the centres of kernels in camera space: number p·normal + offset, rounded down.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Sheets {
+    pub(crate) normal: Vec3,
+    pub(crate) offset: f32,
+}
+
+/// How a kernel is spread over slabs.
+pub(crate) struct Spread<F, M> {
+    /// 1 over the width of the box, or over σ of the normal distribution, in world units.
+    pub(crate) inverse: F,
+    /// How far it reaches to either side, in world units.
+    pub(crate) half: F,
+    /// Whether it is a box.
+    pub(crate) is_box: M,
+}
+
+/// The least variance of a box, in units of d²: a kernel that would be a point gets a width of 0.3 d, so that it doesn't
+/// jump between slabs.
+const LEAST_VARIANCE: f32 = 0.09 / 12.0;
+
+/// The largest variance of a box, in units of d²: with a little more than that of a slab, kernels whose σ_z are about the
+/// same are all boxes at a thickness of 2σ_z.
+const WIDEST_BOX: f32 = 1.5 / 12.0;
+
+/// [`share_of_normal`] ends at this many of its σ.
+const NORMAL_REACH: f32 = 3.0;
+
+/// Its own standard deviation is less than 1 for what is cut off.
+const NORMAL_SIGMA: f32 = 0.986_64;
+
+/// The share of a normal distribution before x, an odd polynomial and ½ within 3e-4 of Φ cut off at ±3.
+#[inline(always)]
+pub(crate) fn share_of_normal<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
+    const HALF_PHI: [f32; 5] = [0.398_941_4, -0.064_006_94, 0.008_108_142, -0.000_598_837_2, 1.883_562_4e-5];
+    let reach = F::simd_from(simd, NORMAL_REACH);
+    let x = x.max(-reach).min(reach);
+    x.mul_add(polynomial(simd, x * x, HALF_PHI), F::simd_from(simd, 0.5))
+}
+
+/// The share of a box before x of its widths.
+#[inline(always)]
+pub(crate) fn share_of_box<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
+    (x + 0.5).max(F::simd_from(simd, 0.0)).min(F::simd_from(simd, 1.0))
+}
+
+/// Behind it there are no others: sorting has as many bits.
+const LAST_SLAB: u32 = (1 << 22) - 1;
+
+/// How many splats of a cloud its median is taken of, at most.
+const MEDIAN_OF: usize = 255;
+
+impl Closing {
+    /// What a frame's order asks for.
+    ///
+    /// # Errors
+    /// When sheets are asked for and the first cloud of kernels is no grid.
+    pub(crate) fn new(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> Result<Self, SceneError> {
+        let volumes =
+            || scene.clouds.iter().filter(|cloud| !matches!(cloud.columns().kind, Kind::Surface(_)));
+        let thickness = match settings.order {
+            Order::Auto if volumes().all(|cloud| matches!(cloud.columns().kind, Kind::Opacity(_))) => {
+                return Ok(Self::Centers);
+            }
+            Order::Auto => Order::THICKNESS,
+            Order::Slabs { thickness } => thickness,
+            Order::Centers => return Ok(Self::Centers),
+            Order::PerPixel => return Ok(Self::PerPixel),
+            Order::AxisSheets { spacing } => {
+                return Sheets::new(volumes().next(), camera, spacing).map(Self::Sheets);
+            }
+        };
+        let medians = volumes().filter_map(|cloud| median_sigma_z(cloud, camera, settings));
+        let sigma_z = medians.min_by(f64::total_cmp).unwrap_or(1.0);
+        let is_corrected = settings.baseline != Some(Baseline::UncorrectedShares);
+        Ok(Self::Slabs(Slabs {
+            near: camera.near(),
+            thickness: thickness * sigma_z,
+            added: if is_corrected { 1.0 / 6.0 } else { 0.0 },
+        }))
+    }
+
+    /// Whether records need the numbers of their slabs.
+    pub(crate) fn has_slabs(self) -> bool {
+        matches!(self, Self::Slabs(_) | Self::Sheets(_))
+    }
+
+    /// The slabs that kernels may touch, first and last, as numbers from the near plane on. From the centres in camera space, σ_z, and how far along z their densest points and all of
+    /// them go.
+    #[inline(always)]
+    pub(crate) fn slabs<S: Simd, F: Floats<S>>(
+        self,
+        simd: S,
+        center: [F; 3],
+        [sigma_z, reach]: [F; 2],
+    ) -> [F; 2] {
+        let zero = F::simd_from(simd, 0.0);
+        let last = F::simd_from(simd, LAST_SLAB as f32);
+        match self {
+            Self::Centers | Self::PerPixel => [zero; 2],
+            Self::Slabs(slabs) => {
+                let half = slabs.spread(simd, sigma_z).half + reach;
+                let per_length = (1.0 / slabs.thickness) as f32;
+                let z = center[2] - slabs.near as f32;
+                [(z - half) * per_length, (z + half) * per_length].each(
+                    #[inline(always)]
+                    |number| number.max(zero).min(last).floor(),
+                )
+            }
+            Self::Sheets(Sheets { normal, offset }) => {
+                let number = dot(center, splat3(simd, normal.to_array())) + offset;
+                [number.max(zero).min(last).floor(); 2]
+            }
+        }
+    }
+
+    /// As [`Self::slabs`].
+    pub(crate) fn slabs_of_one(self, center: [f32; 3], reaches: [f32; 2]) -> [f32; 2] {
+        dispatch!(Level::Baseline, simd => {
+            let center = center.map(|x| splat(simd, x));
+            self.slabs(simd, center, reaches.map(|x| splat(simd, x))).map(|number| number.reduce_max())
+        })
+    }
+}
+
+impl Slabs {
+    /// How kernels with σ_z are spread.
+    #[inline(always)]
+    pub(crate) fn spread<S: Simd, F: Floats<S>>(&self, simd: S, sigma_z: F) -> Spread<F, F::Mask> {
+        let thickness = self.thickness as f32;
+        let relative = sigma_z * (1.0 / thickness);
+        let variance = relative.mul_add(relative, F::simd_from(simd, -self.added));
+        let variance = variance.max(F::simd_from(simd, LEAST_VARIANCE));
+        let is_box = variance.simd_le(F::simd_from(simd, WIDEST_BOX));
+        let sigma = variance.sqrt();
+        let constant = |of_box: f32, of_normal: f32| {
+            is_box.select(F::simd_from(simd, of_box), F::simd_from(simd, of_normal))
+        };
+        let width = constant(12f32.sqrt(), 1.0 / NORMAL_SIGMA);
+        Spread {
+            inverse: F::simd_from(simd, 1.0 / thickness) / (sigma * width),
+            half: sigma * width * constant(0.5, NORMAL_REACH) * thickness,
+            is_box,
+        }
+    }
+
+    /// The plane where a slab begins.
+    #[inline(always)]
+    pub(crate) fn plane(&self, number: u32) -> f64 {
+        self.thickness.mul_add(f64::from(number), self.near)
+    }
+}
+
+impl Sheets {
+    fn new(cloud: Option<&Cloud>, camera: &Camera, spacing: f64) -> Result<Self, SceneError> {
+        let Some((cloud, Factors::Shared(factor))) = cloud.map(|cloud| (cloud, &cloud.columns().factors))
+        else {
+            return Err(SceneError::NoGrid);
+        };
+        let cloud_to_camera = camera.pose().world_to_camera * cloud.cloud_to_world();
+        // Distances in σ along the half-axes.
+        let to_grid = (cloud_to_camera.matrix3 * factor.as_dmat3()).inverse();
+        if cloud.is_empty() || !to_grid.is_finite() {
+            return Err(SceneError::NoGrid);
+        }
+        let center =
+            |index: usize| cloud_to_camera.transform_point3(cloud.columns().center(index).as_dvec3());
+        let (first, middle) = (center(0), (0..cloud.len()).map(center).sum::<DVec3>());
+        let view = if camera.projection() == Projection::Perspective { middle } else { DVec3::Z };
+        let axes = [0, 1, 2].map(|axis| to_grid.row(axis));
+        let facing = |axis: &DVec3| axis.normalize().dot(view);
+        let axis =
+            axes.into_iter().max_by(|a, b| facing(a).abs().total_cmp(&facing(b).abs())).unwrap_or(DVec3::Z);
+        let normal = axis * facing(&axis).signum() / spacing;
+        // A sheet's kernels lie in its middle; the nearest have numbers from 0 on.
+        let least = (0..cloud.len()).map(|index| normal.dot(center(index) - first)).fold(0.0, f64::min);
+        Ok(Self { normal: normal.as_vec3(), offset: (0.5 - least.floor() - normal.dot(first)) as f32 })
+    }
+}
+
+/// The median σ_z of a cloud's kernels that are before the near plane; `None` without any.
+fn median_sigma_z(cloud: &Cloud, camera: &Camera, settings: &RenderSettings) -> Option<f64> {
+    let lens = Lens::new(camera, settings.low_pass);
+    let cloud_to_camera = camera.pose().world_to_camera * cloud.cloud_to_world();
+    let splats: &Columns = cloud.columns();
+    let step = cloud.len().div_ceil(MEDIAN_OF).max(1);
+    let sigma_z = |index: usize| {
+        let center = cloud_to_camera.transform_point3(splats.center(index).as_dvec3());
+        let splat = CameraSplat { center, factor: cloud_to_camera.matrix3 * splats.factor(index).as_dmat3() };
+        let is_seen = lens.projection == Projection::Orthographic || center.z > camera.near();
+        let sigma_z = Footprint::new(&splat, &lens).filter(|_| is_seen)?.sigma_z;
+        (sigma_z > 0.0).then_some(sigma_z)
+    };
+    let mut values: Vec<f64> = (0..cloud.len()).step_by(step).filter_map(sigma_z).collect();
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}

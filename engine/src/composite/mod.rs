@@ -1,0 +1,431 @@
+//! Stage `composite`: fragments to runs. Between cuts things add, cuts fold with *over*.
+//!
+//! What is behind an opaque cut is left out, a kernel between two cuts belongs to one run, and only where a cut goes through
+//! a kernel is it shared out between runs. When what is open is closed is the affair of the policies ([`Opening`]).
+
+mod centers;
+mod seen;
+mod slabs;
+mod window;
+
+pub(crate) use seen::{Runs, Seeing, Seen};
+
+use crate::closing::Closing;
+use crate::cuts::Cuts;
+use crate::footprint::{Record, Rect};
+use crate::raster::{BATCH, Fragments, KernelLens, Kernels, REACH, SlabColumns};
+use crate::simd::*;
+use crate::tile::{MAX_BLOCKS, PIXELS, Tile, pixels};
+use centers::Centers;
+use slabs::{MOST_OPEN, OpenSlabs, Slabbed};
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicU32, Ordering};
+use window::{Window, Windowed};
+
+/// A policy at work on the rays of a block, in registers.
+trait Opening<S: Simd>: Sized {
+    /// What stays open from one batch to the next, in memory.
+    type Open: Default;
+    /// Whether anything does.
+    const KEEPS_OPEN: bool;
+    /// What is the same for all blocks.
+    type Policy: Copy;
+
+    fn load(simd: S, seen: &Seen, open: &Self::Open) -> Self;
+
+    fn store(self, seen: &mut Seen, open: &mut Self::Open);
+
+    fn seen(&self) -> &Seeing<S>;
+
+    /// Adds a plain kernel whole.
+    fn add_plain<const DEPTH: bool>(
+        &mut self,
+        simd: S,
+        plain: Plain<S>,
+        policy: Self::Policy,
+        open: &mut Self::Open,
+    );
+
+    /// Adds any kernel, or a share of one.
+    fn add<const DEPTH: bool>(
+        &mut self,
+        simd: S,
+        fragment: Fragment<S>,
+        policy: Self::Policy,
+        open: &mut Self::Open,
+    );
+
+    /// Closes what is open.
+    fn finish<const DEPTH: bool>(&mut self, simd: S, policy: Self::Policy, open: &mut Self::Open);
+}
+
+/// A kernel of a batch at the pixels of a block, to be evaluated.
+struct Plain<'a, S: Simd> {
+    kernels: &'a Kernels,
+    number: usize,
+    corner: [f32; 2],
+    pixels: [W<S>; 2],
+}
+
+/// A kernel of a batch, or a share of it, at the pixels of a block. What a policy doesn't read is not computed.
+struct Fragment<'a, S: Simd> {
+    kernels: &'a Kernels,
+    number: usize,
+    alpha: W<S>,
+    optical_depth: W<S>,
+    depth: W<S>,
+    color: [f32; 3],
+}
+
+/// Adds fragments to runs.
+pub(crate) struct Compositor<'a> {
+    pub(crate) records: &'a [Record],
+    pub(crate) rects: &'a [Rect],
+    pub(crate) lens: KernelLens,
+    pub(crate) spent: f32,
+    /// Whether the depth of what is seen is asked for.
+    pub(crate) keeps_depth: bool,
+}
+
+/// A block of a tile.
+#[derive(Clone, Copy)]
+struct Here {
+    tile: Tile,
+    block: usize,
+}
+
+impl Here {
+    #[inline(always)]
+    fn pixels<S: Simd>(self, simd: S) -> [W<S>; 2] {
+        pixels(simd, self.tile.corner_pixel(self.block))
+    }
+}
+
+/// Batches that are fetched before their kernels are added: a block's pixels come into registers once for all.
+const GROUP: usize = 4;
+
+/// Buffers of one thread.
+#[derive(Default)]
+pub(crate) struct KernelBuffers {
+    batches: Vec<Kernels>,
+    coming: Coming,
+    /// By segments and blocks.
+    windows: Vec<Vec<Window>>,
+    slabs: Vec<Vec<OpenSlabs>>,
+    none: Vec<Vec<()>>,
+}
+
+/// Records of a batch, and pieces of records that are still to come.
+#[derive(Default)]
+struct Coming {
+    records: Vec<u32>,
+    /// By their first slab: all are cut to the same length.
+    pieces: VecDeque<Piece>,
+}
+
+/// What lies from a slab on, of a record.
+struct Piece {
+    record: u32,
+    first: u32,
+}
+
+/// Buffers for batches, for what is open, and for what is seen.
+type Buffers<'a, O> = ((&'a mut Vec<Kernels>, &'a mut Coming), &'a mut Vec<Vec<O>>, &'a mut Runs);
+
+impl Compositor<'_> {
+    /// Clears the runs and adds the records of a tile's list, which come from near to far. Gives the numbers of pixels that
+    /// were evaluated, and of those where a kernel came later than its place in a window.
+    #[inline(always)]
+    pub(crate) fn add<S: Simd>(
+        &self,
+        simd: S,
+        tile: (Tile, &[AtomicU32]),
+        cuts: &Cuts,
+        (buffers, runs): (&mut KernelBuffers, &mut Runs),
+    ) -> [u64; 2] {
+        let KernelBuffers { batches, coming, windows, slabs, none } = buffers;
+        let fetched = (batches, coming);
+        let count = match (self.lens.closing, self.keeps_depth) {
+            (Closing::Centers, false) => {
+                self.add_to::<S, Centers<S>, false>(simd, tile, (cuts, ()), (fetched, none, runs))
+            }
+            (Closing::Centers, true) => {
+                self.add_to::<S, Centers<S>, true>(simd, tile, (cuts, ()), (fetched, none, runs))
+            }
+            (Closing::PerPixel, _) => {
+                self.add_to::<S, Windowed<S>, true>(simd, tile, (cuts, ()), (fetched, windows, runs))
+            }
+            (closing, false) => {
+                self.add_to::<S, Slabbed<S>, false>(simd, tile, (cuts, closing), (fetched, slabs, runs))
+            }
+            (closing, true) => {
+                self.add_to::<S, Slabbed<S>, true>(simd, tile, (cuts, closing), (fetched, slabs, runs))
+            }
+        };
+        let late = windows.iter_mut().flatten().map(|window| std::mem::take(&mut window.late)).sum();
+        [count, late]
+    }
+
+    #[inline(always)]
+    fn add_to<S: Simd, O: Opening<S>, const DEPTH: bool>(
+        &self,
+        simd: S,
+        (tile, list): (Tile, &[AtomicU32]),
+        (cuts, policy): (&Cuts, O::Policy),
+        ((batches, coming), opens, runs): Buffers<O::Open>,
+    ) -> u64 {
+        runs.clear(simd, tile, cuts.segments());
+        opens.resize_with(cuts.segments().max(opens.len()), Vec::new);
+        for blocks in &mut opens[..cuts.segments()] {
+            blocks.resize_with(tile.blocks().max(blocks.len()), O::Open::default);
+        }
+        batches.resize_with(GROUP, || Kernels::NONE);
+        coming.pieces.clear();
+        let mut list = list.iter();
+        let mut open: u64 = tile.visible_blocks().map(|block| 1 << block).sum();
+        let mut count = 0;
+        while open != 0 {
+            let mut used = 0;
+            while used < GROUP && self.gather(&mut list, coming, &mut batches[used].slabs) {
+                apart(
+                    simd,
+                    #[inline(always)]
+                    || self.fetch(simd, (tile, &coming.records), cuts, &mut batches[used]),
+                );
+                used += 1;
+            }
+            if used == 0 {
+                break;
+            }
+            let mut blocks = open;
+            while blocks != 0 {
+                let here = Here { tile, block: blocks.trailing_zeros() as usize % MAX_BLOCKS };
+                blocks &= blocks - 1;
+                let batches = (cuts, &batches[..used]);
+                let (added, is_open) =
+                    self.add_group::<S, O, DEPTH>(simd, (here, policy), batches, (opens, runs));
+                count += u64::from(added);
+                open &= !(u64::from(!is_open) << here.block);
+            }
+        }
+        if O::KEEPS_OPEN {
+            for (blocks, opens) in runs.segments[..cuts.segments()].iter_mut().zip(opens) {
+                for block in tile.visible_blocks() {
+                    let (seen, open) = (&mut blocks[block], &mut opens[block]);
+                    let mut opening = O::load(simd, seen, open);
+                    opening.finish::<DEPTH>(simd, policy, open);
+                    opening.store(seen, open);
+                }
+            }
+        }
+        count * PIXELS as u64
+    }
+
+    /// Takes the next records of a list, as many as go together; false if there is none.
+    fn gather(
+        &self,
+        list: &mut std::slice::Iter<AtomicU32>,
+        coming: &mut Coming,
+        slabs: &mut SlabColumns,
+    ) -> bool {
+        let Coming { records, pieces } = coming;
+        records.clear();
+        if !self.lens.closing.has_slabs() {
+            records.extend(list.by_ref().take(BATCH).map(|entry| entry.load(Ordering::Relaxed)));
+            return !records.is_empty();
+        }
+        while records.len() < BATCH {
+            let next = list.as_slice().first().map(|entry| entry.load(Ordering::Relaxed));
+            let slabs_of = |record: u32| {
+                let [first, last] = self.records[record as usize].amplitude_slope_or_slabs;
+                [first as u32, last as u32]
+            };
+            let piece = pieces.pop_front_if(|piece| next.is_none_or(|next| piece.first < slabs_of(next)[0]));
+            let (record, first) = match (&piece, next) {
+                (Some(piece), _) => (piece.record, piece.first),
+                (None, Some(next)) => {
+                    list.next();
+                    (next, slabs_of(next)[0])
+                }
+                (None, None) => break,
+            };
+            let mut last = slabs_of(record)[1];
+            let ends = last - first < MOST_OPEN;
+            if !ends {
+                pieces.push_back(Piece { record, first: first + MOST_OPEN });
+                last = first + MOST_OPEN - 1;
+            }
+            slabs.set(records.len(), [first, last], [piece.is_none(), ends]);
+            records.push(record);
+        }
+        !records.is_empty()
+    }
+
+    /// Brings records together.
+    #[inline(always)]
+    fn fetch<S: Simd>(&self, simd: S, (tile, list): (Tile, &[u32]), cuts: &Cuts, kernels: &mut Kernels) {
+        let records = list.iter().map(
+            #[inline(always)]
+            |record| &self.records[*record as usize],
+        );
+        kernels.fill(simd, (tile, &self.lens, cuts.hidden()), records, |number| {
+            &self.rects[list[number] as usize]
+        });
+    }
+
+    /// Adds batches to the runs of a block; gives the number of kernels, and whether the block still sees anything.
+    #[inline(always)]
+    fn add_group<S: Simd, O: Opening<S>, const DEPTH: bool>(
+        &self,
+        simd: S,
+        (here, policy): (Here, O::Policy),
+        (cuts, batches): (&Cuts, &[Kernels]),
+        (opens, runs): (&mut [Vec<O::Open>], &mut Runs),
+    ) -> (u32, bool) {
+        let own_cuts = cuts.block(here.block);
+        let (mut count, mut is_open) = (0, true);
+        let corner = here.tile.corner_pixel(here.block);
+        let pixels = here.pixels(simd);
+        let open = &mut opens[0][here.block];
+        let mut opening = O::load(simd, &runs.segments[0][here.block], open);
+        for kernels in batches {
+            let mut todo = kernels.masks.of(here.block);
+            let mut whole = kernels.whole;
+            if todo != 0 && own_cuts.layers > 0 {
+                let limits = [self.lens.near, own_cuts.nearest, own_cuts.hidden];
+                let places = apart(
+                    simd,
+                    #[inline(always)]
+                    || kernels.places_in(simd, corner, limits),
+                );
+                (todo, whole) = (todo & !places.hidden, places.whole);
+            }
+            count += todo.count_ones();
+            if todo & !(whole & kernels.plain) == 0 {
+                let open = &mut opens[0][here.block];
+                while todo != 0 {
+                    let number = todo.trailing_zeros() as usize % BATCH;
+                    todo &= todo - 1;
+                    let plain = Plain { kernels, number, corner, pixels };
+                    opening.add_plain::<DEPTH>(simd, plain, policy, open);
+                }
+            } else {
+                opening.store(&mut runs.segments[0][here.block], &mut opens[0][here.block]);
+                apart(
+                    simd,
+                    #[inline(always)]
+                    || {
+                        let batch = (kernels, todo, whole);
+                        self.add_mixed::<S, O, DEPTH>(simd, (here, policy), batch, (cuts, opens, runs));
+                    },
+                );
+                opening = O::load(simd, &runs.segments[0][here.block], &opens[0][here.block]);
+            }
+            is_open = opening.seen().opacity.simd_lt(W::simd_from(simd, 1.0 - self.spent)).any_true();
+            if !is_open {
+                break;
+            }
+        }
+        opening.store(&mut runs.segments[0][here.block], &mut opens[0][here.block]);
+        (count, is_open)
+    }
+
+    /// Adds kernels of which some are not plain, or not whole, in their order.
+    #[inline(always)]
+    fn add_mixed<S: Simd, O: Opening<S>, const DEPTH: bool>(
+        &self,
+        simd: S,
+        (here, policy): (Here, O::Policy),
+        (kernels, mut todo, whole): (&Kernels, u64, u64),
+        (cuts, opens, runs): (&Cuts, &mut [Vec<O::Open>], &mut Runs),
+    ) {
+        let (corner, pixels) = (here.tile.corner_pixel(here.block), here.pixels(simd));
+        let plain = whole & kernels.plain;
+        while todo != 0 {
+            let set = before(todo, todo & !whole);
+            let mut rest = set;
+            let (seen, open) = (&mut runs.segments[0][here.block], &mut opens[0][here.block]);
+            let mut opening = O::load(simd, seen, open);
+            while rest != 0 {
+                let number = rest.trailing_zeros() as usize % BATCH;
+                rest &= rest - 1;
+                if plain >> number & 1 != 0 {
+                    let plain = Plain { kernels, number, corner, pixels };
+                    opening.add_plain::<DEPTH>(simd, plain, policy, open);
+                } else {
+                    let Fragments { strength, depth, .. } =
+                        kernels.fragments(simd, number, pixels, (here.tile, &self.lens));
+                    let color = kernels.color(number);
+                    let [alpha, optical_depth] = if kernels.is_opacity(number) {
+                        [strength, optical_depth(simd, strength)]
+                    } else {
+                        [opacity(simd, strength), strength]
+                    };
+                    let fragment = Fragment { kernels, number, alpha, optical_depth, depth, color };
+                    opening.add::<DEPTH>(simd, fragment, policy, open);
+                }
+            }
+            opening.store(seen, open);
+            todo ^= set;
+            if todo != 0 {
+                let number = todo.trailing_zeros() as usize % BATCH;
+                todo &= todo - 1;
+                let kernel = (kernels, number);
+                self.add_shares::<S, O, DEPTH>(simd, (here, policy), kernel, (cuts, opens, runs));
+            }
+        }
+    }
+
+    /// Shares a kernel of any kind and form out between the runs of a block:
+    /// share_j = Φ((z_{j+1} − z)/σ_z) − Φ((z_j − z)/σ_z).
+    #[inline(always)]
+    fn add_shares<S: Simd, O: Opening<S>, const DEPTH: bool>(
+        &self,
+        simd: S,
+        (here, policy): (Here, O::Policy),
+        (kernels, number): (&Kernels, usize),
+        (cuts, opens, runs): (&Cuts, &mut [Vec<O::Open>], &mut Runs),
+    ) {
+        let Fragments { strength, depth, sigma_z } =
+            kernels.fragments(simd, number, here.pixels(simd), (here.tile, &self.lens));
+        let color = kernels.color(number);
+        let is_opacity = kernels.is_opacity(number);
+        let tau = if is_opacity { optical_depth(simd, strength) } else { strength };
+        let inverse = reciprocal(simd, sigma_z.max(W::simd_from(simd, 1e-20)));
+        let mut from = W::simd_from(simd, self.lens.near);
+        let mut before_from = share_before(simd, (from - depth) * inverse);
+        let segments = cuts.block(here.block).segments;
+        for (segment, (blocks, opens)) in runs.segments[..segments].iter_mut().zip(opens).enumerate() {
+            let (seen, open) = (&mut blocks[here.block], &mut opens[here.block]);
+            let to = cuts.depth(segment, here.block).load(simd);
+            let before_to = share_before(simd, (to - depth) * inverse);
+            let own_tau = tau * (before_to - before_from);
+            let zero = W::simd_from(simd, 0.0);
+            if own_tau.simd_gt(zero).any_true() {
+                let optical_depth = own_tau.max(zero);
+                let alpha = kernels.opacity(simd, number, optical_depth);
+                let depth = depth.max(from).min(to);
+                let mut opening = O::load(simd, seen, open);
+                let fragment = Fragment { kernels, number, alpha, optical_depth, depth, color };
+                opening.add::<DEPTH>(simd, fragment, policy, open);
+                opening.store(seen, open);
+            }
+            (from, before_from) = (to, before_to);
+        }
+    }
+}
+
+/// The bits of a set below the lowest of another one.
+fn before(set: u64, other: u64) -> u64 {
+    if other == 0 { set } else { set & ((1 << other.trailing_zeros()) - 1) }
+}
+
+/// Φ(x): the share of a kernel before a depth that lies xσ_z behind its middle.
+#[inline(always)]
+fn share_before<S: Simd>(simd: S, x: W<S>) -> W<S> {
+    if x.abs().simd_lt(W::simd_from(simd, REACH)).any_true() {
+        return normal_cdf(simd, x);
+    }
+    let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
+    x.simd_gt(zero).select(one, zero)
+}

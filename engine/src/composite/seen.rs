@@ -1,0 +1,140 @@
+//! What is seen of blocks so far, in memory and in registers.
+
+use crate::simd::*;
+use crate::tile::{Plane, Tile};
+
+/// What is seen of a block of pixels so far.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub(crate) struct Seen {
+    /// Red, green, blue, each times its contribution.
+    pub(crate) color: [Plane; 3],
+    /// What does not pass. Kept instead of the transmittance, of which 1 − α loses the thinnest media.
+    pub(crate) opacity: Plane,
+    /// z times its contribution; kept only where it is asked for.
+    pub(crate) depth: Plane,
+    /// z at which the opacity has come to a half; ∞ where it has not. Kept only where depth is.
+    pub(crate) median: Plane,
+}
+
+impl Seen {
+    /// Nothing there.
+    pub(crate) const CLEAR: Self =
+        Self { color: [Plane::ZERO; 3], opacity: Plane::ZERO, depth: Plane::ZERO, median: Plane::INFINITY };
+}
+
+/// The runs of a tile: for each segment between cuts, near to far, its blocks.
+pub(crate) struct Runs {
+    pub(super) segments: Vec<Vec<Seen>>,
+}
+
+impl Runs {
+    pub(crate) fn new() -> Self {
+        Self { segments: Vec::new() }
+    }
+
+    /// Clears as many segments as the cuts make.
+    #[inline(always)]
+    pub(super) fn clear<S: Simd>(&mut self, simd: S, tile: Tile, segments: usize) {
+        self.segments.resize_with(segments.max(self.segments.len()), Vec::new);
+        for blocks in &mut self.segments[..segments] {
+            blocks.clear();
+            blocks.resize(tile.blocks(), Seen::CLEAR);
+        }
+        // What lies beside the picture is done.
+        for (number, block) in self.segments[0].iter_mut().enumerate() {
+            let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
+            block.opacity.store(tile.inside(simd, number).select(zero, one));
+        }
+    }
+
+    /// What the pixels of a block send and let through in a segment.
+    pub(crate) fn block(&self, segment: usize, block: usize) -> &Seen {
+        &self.segments[segment][block]
+    }
+}
+
+/// [`Seen`] in registers: what a block of rays sends towards the camera, and does not let through.
+#[derive(Clone, Copy)]
+pub(crate) struct Seeing<S: Simd> {
+    pub(crate) opacity: W<S>,
+    pub(crate) color: [W<S>; 3],
+    pub(crate) depth: W<S>,
+    pub(crate) median: W<S>,
+}
+
+impl<S: Simd> Seeing<S> {
+    #[inline(always)]
+    pub(crate) fn load(simd: S, seen: &Seen) -> Self {
+        let Seen { opacity, color: [red, green, blue], depth, median } = seen;
+        Self {
+            opacity: opacity.load(simd),
+            color: [red.load(simd), green.load(simd), blue.load(simd)],
+            depth: depth.load(simd),
+            median: median.load(simd),
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn store(&self, seen: &mut Seen) {
+        seen.opacity.store(self.opacity);
+        for (plane, color) in seen.color.iter_mut().zip(self.color) {
+            plane.store(color);
+        }
+        seen.depth.store(self.depth);
+        seen.median.store(self.median);
+    }
+
+    /// One layer alone.
+    #[inline(always)]
+    pub(crate) fn layer(simd: S, color: [W<S>; 3], depth: W<S>, alpha: W<S>) -> Self {
+        let color = color.each(
+            #[inline(always)]
+            |c| c * alpha,
+        );
+        let is_half = alpha.simd_ge(W::simd_from(simd, 0.5));
+        let median = is_half.select(depth, W::simd_from(simd, f32::INFINITY));
+        Self { opacity: alpha, color, depth: depth * alpha, median }
+    }
+
+    /// (C, T)∘(C', T') = (C + T·C', T·T'). Where half of what is sent is reached behind, and not by what is there alone,
+    /// the median is the mean there.
+    #[inline(always)]
+    pub(crate) fn over(self, simd: S, behind: Self) -> Self {
+        let (one, half) = (W::simd_from(simd, 1.0), W::simd_from(simd, 0.5));
+        let through = one - self.opacity;
+        let opacity = behind.opacity.mul_add(through, self.opacity);
+        let is_clear = self.opacity.simd_le(W::simd_from(simd, 0.0));
+        let mean = is_clear.select(behind.median, behind.depth / behind.opacity);
+        let comes_behind = self.opacity.simd_lt(half) & opacity.simd_ge(half);
+        Self {
+            opacity,
+            color: [0, 1, 2].each(
+                #[inline(always)]
+                |i| behind.color[i].mul_add(through, self.color[i]),
+            ),
+            depth: behind.depth.mul_add(through, self.depth),
+            median: comes_behind.select(mean, self.median),
+        }
+    }
+
+    /// The same with an opacity and a colour of one splat behind; gives T·α.
+    #[inline(always)]
+    pub(super) fn blend(&mut self, simd: S, alpha: W<S>, color: [f32; 3]) -> W<S> {
+        let shown = (-self.opacity).mul_add(alpha, alpha);
+        self.opacity += shown;
+        for (sum, own) in self.color.iter_mut().zip(color) {
+            *sum = shown.mul_add(W::simd_from(simd, own), *sum);
+        }
+        shown
+    }
+
+    /// Puts what was just shown, already part of the opacity, at a depth.
+    #[inline(always)]
+    pub(super) fn place(&mut self, simd: S, shown: W<S>, depth: W<S>) {
+        self.depth = shown.mul_add(depth, self.depth);
+        let half = W::simd_from(simd, 0.5);
+        let is_half = self.opacity.simd_ge(half) & (self.opacity - shown).simd_lt(half);
+        self.median = is_half.select(depth, self.median);
+    }
+}
