@@ -79,6 +79,10 @@ impl PictureOptions {
             let right = (0.0..=1e6).contains(&variance);
             ensure("low-pass", variance, right, "at least 0 and at most 1e6 square pixels")?;
         }
+        if let Some(thickness) = self.slab_thickness {
+            let right = (1e-3..=1e6).contains(&thickness);
+            ensure("slab-thickness", thickness, right, "from 0.001 to 1e6")?;
+        }
         self.samples.map_or(Ok(()), |n| ensure("samples", n, (1..=65_536).contains(&n), "from 1 to 65536"))
     }
 }

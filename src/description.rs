@@ -6,7 +6,7 @@
 use crate::notation::{self, Rgba};
 use clap::{Args, ValueEnum};
 use glam::DAffine3;
-use oblate::engine::{Blend, FootprintForm, Light};
+use oblate::engine::{Blend, FootprintForm, Light, Order};
 use oblate::volumes::TransferFunction;
 use serde::Deserialize;
 use std::convert::Infallible;
@@ -117,6 +117,15 @@ pub(crate) struct PictureOptions {
     /// [default: linear; display where only trained splats are drawn]
     #[arg(long)]
     pub(crate) blend: Option<BlendSpace>,
+    /// How kernels that overlap are mixed: centers, one after the other from near to far; per-pixel, the same with
+    /// each pixel's own order; slabs, in layers parallel to the picture, those in a layer all at once; auto, as
+    /// centers where only trained splats are drawn, else as slabs [default: auto]
+    #[arg(long)]
+    pub(crate) order: Option<OrderMode>,
+    /// Thickness of the slabs, where 1 is the depth of the kernels (their median σ along the view): thinner is
+    /// closer to the exact picture and slower. Asks for slabs where --order is auto [default: 2]
+    #[arg(long, value_name = "X", allow_hyphen_values = true)]
+    pub(crate) slab_thickness: Option<f64>,
     /// Lets a slow reference draw the picture: r1 integrates the filtered splats along pixel centres, r2
     /// the unfiltered ones with many samples a pixel [default: off]
     #[arg(long)]
@@ -136,11 +145,33 @@ impl PictureOptions {
             footprint: self.footprint.or(under.footprint),
             low_pass: self.low_pass.or(under.low_pass),
             blend: self.blend.or(under.blend),
+            order: self.order.or(under.order),
+            // A thickness is for slabs: another choice of order leaves it behind.
+            slab_thickness: self
+                .slab_thickness
+                .or(under.slab_thickness.filter(|_| self.order.is_none_or(OrderMode::may_be_slabs))),
             reference: self.reference.or(under.reference),
             // Samples are for one reference: another choice of it leaves them behind.
             samples: self
                 .samples
                 .or(under.samples.filter(|_| self.reference.is_none_or(|choice| choice == Reference::R2))),
+        }
+    }
+
+    /// Whether a thickness, where one is given, has slabs to be of.
+    pub(crate) fn thickness_has_use(&self) -> bool {
+        self.slab_thickness.is_none() || self.order.is_none_or(OrderMode::may_be_slabs)
+    }
+
+    /// When kernels are composited.
+    pub(crate) fn order(&self) -> Order {
+        let slabs =
+            |thickness: Option<f64>| Order::Slabs { thickness: thickness.unwrap_or(Order::THICKNESS) };
+        match (self.order.unwrap_or_default(), self.slab_thickness) {
+            (OrderMode::Auto, None) => Order::Auto,
+            (OrderMode::Auto | OrderMode::Slabs, thickness) => slabs(thickness),
+            (OrderMode::Centers, _) => Order::Centers,
+            (OrderMode::PerPixel, _) => Order::PerPixel,
         }
     }
 }
@@ -178,6 +209,23 @@ impl From<BlendSpace> for Blend {
             BlendSpace::Linear => Self::Linear,
             BlendSpace::Display => Self::Display,
         }
+    }
+}
+
+/// `--order`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum OrderMode {
+    #[default]
+    Auto,
+    Centers,
+    PerPixel,
+    Slabs,
+}
+
+impl OrderMode {
+    fn may_be_slabs(self) -> bool {
+        matches!(self, Self::Auto | Self::Slabs)
     }
 }
 
@@ -329,5 +377,29 @@ mod tests {
         assert_eq!((both.eye, both.up), (Some([2.0; 3]), file.up));
         assert_eq!((both.fov, both.orthographic), (Some(40.0), None));
         assert_eq!(CameraOptions::default().over(file.clone()), file);
+    }
+
+    #[test]
+    fn a_thickness_goes_with_slabs() {
+        let picture = |order, slab_thickness| PictureOptions { order, slab_thickness, ..Default::default() };
+        let thin = picture(None, Some(0.5));
+        for (line, order) in [
+            (picture(None, None), Order::Slabs { thickness: 0.5 }),
+            (picture(Some(OrderMode::Auto), None), Order::Slabs { thickness: 0.5 }),
+            (picture(Some(OrderMode::Slabs), Some(3.0)), Order::Slabs { thickness: 3.0 }),
+            (picture(Some(OrderMode::Centers), None), Order::Centers),
+            (picture(Some(OrderMode::PerPixel), None), Order::PerPixel),
+        ] {
+            let both = line.over(thin.clone());
+            assert!(both.thickness_has_use(), "{both:?}");
+            assert_eq!(both.order(), order);
+        }
+        assert_eq!(picture(None, None).order(), Order::Auto);
+        assert_eq!(
+            picture(Some(OrderMode::Slabs), None).order(),
+            Order::Slabs { thickness: Order::THICKNESS }
+        );
+        // Said of the thickness here, of the order there.
+        assert!(!thin.over(picture(Some(OrderMode::Centers), None)).thickness_has_use());
     }
 }

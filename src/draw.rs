@@ -30,6 +30,7 @@ impl Drawing {
         let low_pass = options.low_pass.unwrap_or(defaults.low_pass);
         let choice = options.reference.unwrap_or_default();
         ensure!(options.samples.is_none() || choice == Reference::R2, "--samples is for --reference r2");
+        ensure!(options.thickness_has_use(), "--slab-thickness is for --order slabs");
         let samples = options.samples.unwrap_or(SAMPLES);
         Ok(Self {
             size: options.size.unwrap_or([SIDE; 2]),
@@ -37,6 +38,7 @@ impl Drawing {
                 footprint: options.footprint.map_or(FootprintForm::default(), Into::into),
                 low_pass,
                 blend: options.blend.map_or(Blend::default(), Into::into),
+                order: options.order(),
                 shade: options.shade.unwrap_or(true),
                 background: options.background.unwrap_or(Rgba::from_bytes(BACKGROUND)).0,
                 channels,

@@ -31,6 +31,8 @@
 //! [render]                       # options of the picture
 //! size = [800, 600]
 //! shade = true
+//! order = "slabs"
+//! slab-thickness = 1
 //! ```
 
 use crate::check::{FARTHEST, Wrong, coordinates};
@@ -175,6 +177,7 @@ fn parse(text: &str, folder: &Path) -> Result<Description, Problem> {
         in_table(text, table, |t| {
             let samples = t.samples.is_none() || t.reference == Some(Reference::R2);
             check("samples", samples, || "is for reference = \"r2\"".into())?;
+            check("slab-thickness", t.thickness_has_use(), || "is for order = \"slabs\"".into())?;
             t.check().map(|()| t)
         })
     });

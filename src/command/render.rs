@@ -27,7 +27,7 @@ pub(crate) struct RenderArgs {
     #[arg(value_name = "SCENE.toml | FILE")]
     files: Vec<PathBuf>,
 
-    /// The picture, .png or .exr (linear, with depth and normals)
+    /// The picture, .png or .exr (linear, with depths, normals and ids)
     #[arg(short, long, value_name = "FILE", default_value = "oblate.png")]
     output: PathBuf,
     /// Bits a channel of a PNG [default: 8]

@@ -1,5 +1,15 @@
-//! OpenEXR: R, G, B, A (linear, premultiplied), Z (first surface, infinity where there is none) and the
-//! world normal N.X, N.Y, N.Z.
+//! OpenEXR. Depths are z along the view axis.
+//!
+//! | channels | |
+//! |---|---|
+//! | R, G, B, A | linear Rec. 709, premultiplied |
+//! | Z | of the first surface; infinity where there is none |
+//! | expected.Z | mean of what is seen, weighted by its contribution, without the background; infinity where nothing is |
+//! | median.Z | where half of the light is left; infinity where more than half passes |
+//! | N.X, N.Y, N.Z | world normal of the first surface; zero where there is none |
+//! | id | unsigned integers: the front-most surfel's number in the scene; 4294967295 where there is none |
+//!
+//! Depths other than the surface's are layers of their own with a `Z` in them, which is how the format names them.
 
 use super::{Picture, Unit};
 use crate::output::WriteSeek;
@@ -18,9 +28,12 @@ pub(super) fn write(frame: &Frame, file: &mut dyn WriteSeek) -> Result<()> {
         channel("B", color(2)),
         channel("A", color(3)),
         channel("Z", frame.depth.clone()),
+        channel("expected.Z", frame.expected_depth.clone()),
+        channel("median.Z", frame.median_depth.clone()),
         channel("N.X", normal(0)),
         channel("N.Y", normal(1)),
         channel("N.Z", normal(2)),
+        AnyChannel::new("id", FlatSamples::U32(frame.id.clone())),
     ];
     let attributes =
         LayerAttributes { software_name: Some(Text::from("oblate")), ..LayerAttributes::default() };

@@ -1,6 +1,7 @@
 //! `oblate render`: pictures in their formats, statistics, what is left behind.
 
 use crate::place::{Workplace, brightness, levels};
+use exr::prelude::FlatSamples;
 use serde_json::Value;
 
 /// Draws the cube at 32² with these options besides.
@@ -44,6 +45,9 @@ fn png_and_exr_hold_the_same_picture() {
     };
     let [r, a, z, nx, ny, nz] = ["R", "A", "Z", "N.X", "N.Y", "N.Z"].map(named);
     assert_eq!((named("G").len(), named("B").len()), (32 * 32, 32 * 32));
+    let [expected, median] = ["expected.Z", "median.Z"].map(named);
+    let id = &channels.iter().find(|c| c.name == *"id").unwrap().sample_data;
+    let FlatSamples::U32(id) = id else { panic!("ids are {id:?}") };
 
     let encode = |c: f32| oblate::engine::color::linear_to_srgb(c) * 255.0;
     for (i, (c, f)) in coarse.pixels().zip(fine.pixels()).enumerate() {
@@ -54,13 +58,19 @@ fn png_and_exr_hold_the_same_picture() {
         let length = (nx[i] * nx[i] + ny[i] * ny[i] + nz[i] * nz[i]).sqrt();
         if z[i].is_finite() {
             assert!((length - 1.0).abs() < 1e-5, "pixel {i}: normal of length {length}");
+            assert!(id[i] != u32::MAX);
         } else {
-            assert!(z[i] == f32::INFINITY && length == 0.0);
+            assert!(z[i] == f32::INFINITY && length == 0.0 && id[i] == u32::MAX);
+            assert!(expected[i] == f32::INFINITY && median[i] == f32::INFINITY);
         }
     }
     assert_eq!(coarse.get_pixel(0, 0).0, [0x40, 0x60, 0x80, 0x80]);
     let middle = 16 * 32 + 16;
     assert!(z[middle].is_finite() && (a[middle] - 1.0).abs() < 1e-5);
+    // One opaque surface: all depths are its.
+    for (name, depth) in [("expected", expected[middle]), ("median", median[middle])] {
+        assert!((depth - z[middle]).abs() < 1e-4, "{name}: {depth}, not {}", z[middle]);
+    }
     let [same, _] = place.run(&["compare", "e.exr", "e.exr"]);
     assert!(same.contains("PSNR inf dB") && same.contains("largest error 0 linear"), "{same}");
 }
@@ -265,4 +275,34 @@ fn references_draw_what_the_rasterizer_draws() {
     // The engine's own tests hold tight bounds; here it is only that both are pictures of the same thing.
     assert!(psnr("r1.png") > 20.0, "{}", psnr("r1.png"));
     assert!(psnr("r2.png") > 20.0, "{}", psnr("r2.png"));
+}
+
+#[test]
+fn slabs_come_closer_to_the_reference_than_centers() {
+    let place = Workplace::new();
+    place.ball();
+    let draw = |name: &str, options: &[&str]| {
+        let fixed = ["render", "ball_16x16x16_uint8.raw", "--transfer", "grey", "--size", "24x24"];
+        place.run(&[&fixed[..], &["--shade", "off", "-o", name], options].concat());
+    };
+    draw("r1.exr", &["--reference", "r1"]);
+    let error = |options: &[&str]| -> f64 {
+        draw("fast.exr", options);
+        let [text, _] = place.run(&["compare", "fast.exr", "r1.exr"]);
+        let mean = text.lines().find_map(|line| line.strip_prefix("mean error ")).unwrap();
+        mean.split(' ').next().unwrap().parse().unwrap()
+    };
+    let [centers, pixels, slabs, thin, auto] = [
+        &["--order", "centers"][..],
+        &["--order", "per-pixel"],
+        &["--order", "slabs"],
+        &["--slab-thickness", "1"],
+        &[],
+    ]
+    .map(error);
+    println!("centers {centers}, per pixel {pixels}, slabs {slabs}, thin slabs {thin}");
+    // Kernels of 0.7 voxel are sorted along lines of sight either way: the depths at pixels change little.
+    assert!(pixels < 2.0 * centers);
+    assert!(slabs < 0.5 * centers && thin < 0.5 * slabs);
+    assert_eq!(auto, slabs);
 }

@@ -30,6 +30,12 @@ fn mistakes_show_their_line() {
             "line 6, column 2 (`low-pass = -3`): low-pass is -3",
         ),
         (format!("{mesh}[render]\nsamples = 3\n"), "reference"),
+        (format!("{mesh}[render]\norder = 'axis-sheets'\n"), "line 5"),
+        (
+            format!("{mesh}[render]\norder = 'centers'\nslab-thickness = 2\n"),
+            "line 6, column 1 (`slab-thickness = 2`): slab-thickness is for order = \"slabs\"",
+        ),
+        (format!("{mesh}[render]\nslab-thickness = 0\n"), "line 5, column 1"),
         (format!("{mesh}scale = 1e300\n"), "line 4, column 1 (`scale = 1e300`)"),
         (format!("{mesh}surfels = 9\nsurfel-spacing = 1\n"), "line 5, column 1"),
         (format!("{mesh}surfels = 0\n"), "line 4, column 1"),
