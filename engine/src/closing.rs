@@ -1,5 +1,8 @@
 //! When what is open along a ray is closed: the policies of [`Order`], as the stages need them.
 //!
+//! Slabs lie between spheres around the eye (planes where rays are parallel): a round kernel is equally far at all its
+//! pixels, so that most kernels are shared out by one number, and turning the camera changes nothing.
+//!
 //! **Matched slabs.** Slabs spread what lies in them: a kernel's part could be anywhere in a slab of thickness d, which adds
 //! a variance of d²/12, and without order in the slab as much again. So a kernel is shared out as if its variance along
 //! the ray were less by d²/6, and the spread that results is its own. Where it is narrower than a slab then (the variance at
@@ -16,7 +19,7 @@ use crate::validate::SceneError;
 use glam::{DVec3, Vec3};
 
 /// A policy, with what it needs to know of a frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) enum Closing {
     /// After each kernel, by distance.
     Centers,
@@ -28,11 +31,12 @@ pub(crate) enum Closing {
     Sheets(Sheets),
 }
 
-/// Planes parallel to the picture, the first one the near plane.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Slabs by distance from the eye, or from its plane where rays are parallel; the first begins at the near plane.
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Slabs {
-    pub(crate) near: f64,
-    pub(crate) thickness: f64,
+    near: f64,
+    thickness: f64,
+    lens: Lens,
     /// What slabs add to the variance of kernels, in units of d².
     added: f32,
 }
@@ -42,6 +46,16 @@ pub(crate) struct Slabs {
 pub(crate) struct Sheets {
     pub(crate) normal: Vec3,
     pub(crate) offset: f32,
+}
+
+/// Kernels along the rays that meet them.
+pub(crate) struct Distances<F> {
+    /// Of the centre.
+    pub(crate) center: F,
+    /// Of the densest point, its change a pixel.
+    pub(crate) slope: [F; 2],
+    /// Spread.
+    pub(crate) sigma: F,
 }
 
 /// How a kernel is spread over slabs.
@@ -113,6 +127,7 @@ impl Closing {
         let sigma_z = medians.min_by(f64::total_cmp).unwrap_or(1.0);
         let is_corrected = settings.baseline != Some(Baseline::UncorrectedShares);
         Ok(Self::Slabs(Slabs {
+            lens: Lens::new(camera, settings.low_pass),
             near: camera.near(),
             thickness: thickness * sigma_z,
             added: if is_corrected { 1.0 / 6.0 } else { 0.0 },
@@ -124,50 +139,82 @@ impl Closing {
         matches!(self, Self::Slabs(_) | Self::Sheets(_))
     }
 
-    /// The slabs that kernels may touch, first and last, as numbers from the near plane on. From the centres in camera space, σ_z, and how far along z their densest points and all of
-    /// them go.
+    /// Of slabs; 0 of sheets.
     #[inline(always)]
-    pub(crate) fn slabs<S: Simd, F: Floats<S>>(
-        self,
-        simd: S,
-        center: [F; 3],
-        [sigma_z, reach]: [F; 2],
-    ) -> [F; 2] {
-        let zero = F::simd_from(simd, 0.0);
-        let last = F::simd_from(simd, LAST_SLAB as f32);
-        match self {
-            Self::Centers | Self::PerPixel => [zero; 2],
-            Self::Slabs(slabs) => {
-                let half = slabs.spread(simd, sigma_z).half + reach;
-                let per_length = (1.0 / slabs.thickness) as f32;
-                let z = center[2] - slabs.near as f32;
-                [(z - half) * per_length, (z + half) * per_length].each(
-                    #[inline(always)]
-                    |number| number.max(zero).min(last).floor(),
-                )
-            }
-            Self::Sheets(Sheets { normal, offset }) => {
-                let number = dot(center, splat3(simd, normal.to_array())) + offset;
-                [number.max(zero).min(last).floor(); 2]
-            }
-        }
+    pub(crate) fn thickness(&self) -> f32 {
+        if let Self::Slabs(slabs) = self { slabs.thickness() } else { 0.0 }
     }
 
-    /// As [`Self::slabs`].
-    pub(crate) fn slabs_of_one(self, center: [f32; 3], reaches: [f32; 2]) -> [f32; 2] {
+    /// The slabs that kernels may touch, first and last, as numbers; sheets by their centres in camera space. `reach` is how
+    /// far from their centres their densest points are at most.
+    #[inline(always)]
+    pub(crate) fn numbers<S: Simd, F: Floats<S>>(
+        &self,
+        simd: S,
+        center: [F; 3],
+        (distance, sigma, reach): (F, F, F),
+    ) -> [F; 2] {
+        let ends = match self {
+            Self::Centers | Self::PerPixel => return [F::simd_from(simd, 0.0); 2],
+            Self::Slabs(slabs) => {
+                let half = slabs.half(simd, sigma, reach);
+                let from_near = distance - slabs.near as f32;
+                let per_length = (1.0 / slabs.thickness) as f32;
+                [(from_near - half) * per_length, (from_near + half) * per_length]
+            }
+            Self::Sheets(Sheets { normal, offset }) => {
+                [dot(center, splat3(simd, normal.to_array())) + F::simd_from(simd, *offset); 2]
+            }
+        };
+        let (zero, last) = (F::simd_from(simd, 0.0), F::simd_from(simd, LAST_SLAB as f32));
+        ends.each(
+            #[inline(always)]
+            |number| number.max(zero).min(last).floor(),
+        )
+    }
+
+    /// As [`Self::numbers`], of one kernel.
+    pub(crate) fn numbers_of_one(&self, center: Vec3, [distance, sigma, reach]: [f64; 3]) -> [f32; 2] {
         dispatch!(Level::Baseline, simd => {
-            let center = center.map(|x| splat(simd, x));
-            self.slabs(simd, center, reaches.map(|x| splat(simd, x))).map(|number| number.reduce_max())
+            let [distance, sigma, reach] = [distance, sigma, reach].map(|x| splat(simd, x as f32));
+            let center = center.to_array().map(|x| splat(simd, x));
+            self.numbers(simd, center, (distance, sigma, reach)).map(|number| number.reduce_max())
         })
     }
 }
 
 impl Slabs {
-    /// How kernels with σ_z are spread.
+    /// Distances of kernels by their means in pixels, the z of these, its slope and σ_z.
     #[inline(always)]
-    pub(crate) fn spread<S: Simd, F: Floats<S>>(&self, simd: S, sigma_z: F) -> Spread<F, F::Mask> {
+    pub(crate) fn distances<S: Simd, F: Floats<S>>(
+        &self,
+        simd: S,
+        mean: [F; 2],
+        (depth, slope, sigma_z): (F, [F; 2], F),
+    ) -> Distances<F> {
+        if self.lens.projection == Projection::Orthographic {
+            return Distances { center: depth, slope, sigma: sigma_z };
+        }
+        let [x, y, z] = self.lens.positions(mean, F::simd_from(simd, 1.0));
+        let length = dot([x, y, z], [x, y, z]).sqrt();
+        // z|v| changes with z and with |v|, whose slope is v/(f|v|).
+        let turning = depth / length;
+        let focal = self.lens.focal.as_vec2();
+        Distances {
+            center: depth * length,
+            slope: [
+                slope[0].mul_add(length, x * turning * (1.0 / focal.x)),
+                slope[1].mul_add(length, y * turning * (1.0 / focal.y)),
+            ],
+            sigma: sigma_z * length,
+        }
+    }
+
+    /// How kernels are spread.
+    #[inline(always)]
+    pub(crate) fn spread<S: Simd, F: Floats<S>>(&self, simd: S, sigma: F) -> Spread<F, F::Mask> {
         let thickness = self.thickness as f32;
-        let relative = sigma_z * (1.0 / thickness);
+        let relative = sigma * (1.0 / thickness);
         let variance = relative.mul_add(relative, F::simd_from(simd, -self.added));
         let variance = variance.max(F::simd_from(simd, LEAST_VARIANCE));
         let is_box = variance.simd_le(F::simd_from(simd, WIDEST_BOX));
@@ -176,17 +223,37 @@ impl Slabs {
             is_box.select(F::simd_from(simd, of_box), F::simd_from(simd, of_normal))
         };
         let width = constant(12f32.sqrt(), 1.0 / NORMAL_SIGMA);
-        Spread {
-            inverse: F::simd_from(simd, 1.0 / thickness) / (sigma * width),
-            half: sigma * width * constant(0.5, NORMAL_REACH) * thickness,
-            is_box,
-        }
+        let half = sigma * width * constant(0.5, NORMAL_REACH) * thickness;
+        Spread { inverse: F::simd_from(simd, 1.0 / thickness) / (sigma * width), half, is_box }
     }
 
-    /// The plane where a slab begins.
+    /// How far to either side kernels are in slabs, from how far their densest points are from the centre at most. A
+    /// box that reaches a little over half a slab ends there, so that it touches two slabs, and not now and then three; its
+    /// last slabs get what is beyond them.
     #[inline(always)]
-    pub(crate) fn plane(&self, number: u32) -> f64 {
-        self.thickness.mul_add(f64::from(number), self.near)
+    fn half<S: Simd, F: Floats<S>>(&self, simd: S, sigma: F, reach: F) -> F {
+        let Spread { half, is_box, .. } = self.spread(simd, sigma);
+        let (thickness, all) = (self.thickness as f32, half + reach);
+        let most = F::simd_from(simd, 0.75 * thickness);
+        (is_box & all.simd_le(most)).select(all.min(F::simd_from(simd, 0.499 * thickness)), all)
+    }
+
+    /// How far a slab begins.
+    #[inline(always)]
+    pub(crate) fn begin(&self, number: u32) -> f32 {
+        self.thickness.mul_add(f64::from(number), self.near) as f32
+    }
+
+    /// The slabs that distances lie in.
+    #[inline(always)]
+    pub(crate) fn numbers_at(&self, distances: [f32; 2]) -> [u32; 2] {
+        let (near, per_length) = (self.near as f32, 1.0 / self.thickness as f32);
+        distances.map(|distance| ((distance - near) * per_length) as u32)
+    }
+
+    #[inline(always)]
+    pub(crate) fn thickness(&self) -> f32 {
+        self.thickness as f32
     }
 }
 

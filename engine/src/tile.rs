@@ -33,7 +33,7 @@ impl Plane {
 
     #[inline(always)]
     pub(crate) fn store<S: Simd>(&mut self, pixels: W<S>) {
-        self.0 = pixels.into();
+        pixels.store_slice(&mut self.0);
     }
 }
 

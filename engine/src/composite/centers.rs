@@ -15,7 +15,7 @@ impl<S: Simd> Opening<S> for Centers<S> {
     type Policy = ();
 
     #[inline(always)]
-    fn load(simd: S, seen: &Seen, (): &()) -> Self {
+    fn load(simd: S, seen: &Seen, (): &mut ()) -> Self {
         Self { seen: Seeing::load(simd, seen) }
     }
 
@@ -30,12 +30,14 @@ impl<S: Simd> Opening<S> for Centers<S> {
     }
 
     #[inline(always)]
-    fn add_plain<const DEPTH: bool>(&mut self, simd: S, plain: Plain<S>, (): (), (): &mut ()) {
-        let Plain { kernels, number, pixels, .. } = plain;
-        let alpha = kernels.plain_alpha(simd, number, pixels);
-        let shown = self.seen.blend(simd, alpha, kernels.color(number));
-        if DEPTH {
-            self.seen.place(simd, shown, kernels.depth_at(simd, number, pixels));
+    fn add_plain<const DEPTH: bool>(&mut self, simd: S, mut plain: Plain<S>, (): (), (): &mut ()) {
+        let Plain { kernels, pixels, .. } = plain;
+        while let Some(number) = plain.next() {
+            let alpha = kernels.plain_alpha(simd, number, pixels);
+            let shown = self.seen.blend(simd, alpha, kernels.color(number));
+            if DEPTH {
+                self.seen.place(simd, shown, kernels.depth_at(simd, number, pixels));
+            }
         }
     }
 

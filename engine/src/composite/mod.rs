@@ -31,13 +31,13 @@ trait Opening<S: Simd>: Sized {
     /// What is the same for all blocks.
     type Policy: Copy;
 
-    fn load(simd: S, seen: &Seen, open: &Self::Open) -> Self;
+    fn load(simd: S, seen: &Seen, open: &mut Self::Open) -> Self;
 
     fn store(self, seen: &mut Seen, open: &mut Self::Open);
 
     fn seen(&self) -> &Seeing<S>;
 
-    /// Adds a plain kernel whole.
+    /// Adds a set of plain kernels, whole, in their order.
     fn add_plain<const DEPTH: bool>(
         &mut self,
         simd: S,
@@ -59,21 +59,35 @@ trait Opening<S: Simd>: Sized {
     fn finish<const DEPTH: bool>(&mut self, simd: S, policy: Self::Policy, open: &mut Self::Open);
 }
 
-/// A kernel of a batch at the pixels of a block, to be evaluated.
+/// A set of a batch's kernels, to be evaluated at the pixels of a block.
+#[derive(Clone, Copy)]
 struct Plain<'a, S: Simd> {
     kernels: &'a Kernels,
-    number: usize,
+    set: u64,
     corner: [f32; 2],
     pixels: [W<S>; 2],
+}
+
+impl<S: Simd> Plain<'_, S> {
+    /// The next kernel of the set, which it leaves.
+    #[inline(always)]
+    fn next(&mut self) -> Option<usize> {
+        let number = self.set.trailing_zeros() as usize;
+        self.set &= self.set.wrapping_sub(1);
+        (number < BATCH).then_some(number)
+    }
 }
 
 /// A kernel of a batch, or a share of it, at the pixels of a block. What a policy doesn't read is not computed.
 struct Fragment<'a, S: Simd> {
     kernels: &'a Kernels,
     number: usize,
+    corner: [f32; 2],
     alpha: W<S>,
     optical_depth: W<S>,
+    /// z, and the distance from the eye.
     depth: W<S>,
+    distance: W<S>,
     color: [f32; 3],
 }
 
@@ -302,13 +316,8 @@ impl Compositor<'_> {
             }
             count += todo.count_ones();
             if todo & !(whole & kernels.plain) == 0 {
-                let open = &mut opens[0][here.block];
-                while todo != 0 {
-                    let number = todo.trailing_zeros() as usize % BATCH;
-                    todo &= todo - 1;
-                    let plain = Plain { kernels, number, corner, pixels };
-                    opening.add_plain::<DEPTH>(simd, plain, policy, open);
-                }
+                let plain = Plain { kernels, set: todo, corner, pixels };
+                opening.add_plain::<DEPTH>(simd, plain, policy, &mut opens[0][here.block]);
             } else {
                 opening.store(&mut runs.segments[0][here.block], &mut opens[0][here.block]);
                 apart(
@@ -319,7 +328,7 @@ impl Compositor<'_> {
                         self.add_mixed::<S, O, DEPTH>(simd, (here, policy), batch, (cuts, opens, runs));
                     },
                 );
-                opening = O::load(simd, &runs.segments[0][here.block], &opens[0][here.block]);
+                opening = O::load(simd, &runs.segments[0][here.block], &mut opens[0][here.block]);
             }
             is_open = opening.seen().opacity.simd_lt(W::simd_from(simd, 1.0 - self.spent)).any_true();
             if !is_open {
@@ -340,30 +349,33 @@ impl Compositor<'_> {
         (cuts, opens, runs): (&Cuts, &mut [Vec<O::Open>], &mut Runs),
     ) {
         let (corner, pixels) = (here.tile.corner_pixel(here.block), here.pixels(simd));
-        let plain = whole & kernels.plain;
         while todo != 0 {
             let set = before(todo, todo & !whole);
             let mut rest = set;
             let (seen, open) = (&mut runs.segments[0][here.block], &mut opens[0][here.block]);
             let mut opening = O::load(simd, seen, open);
             while rest != 0 {
+                let plain = before(rest, rest & !kernels.plain);
+                rest ^= plain;
+                let set = Plain { kernels, set: plain, corner, pixels };
+                opening.add_plain::<DEPTH>(simd, set, policy, open);
+                if rest == 0 {
+                    break;
+                }
                 let number = rest.trailing_zeros() as usize % BATCH;
                 rest &= rest - 1;
-                if plain >> number & 1 != 0 {
-                    let plain = Plain { kernels, number, corner, pixels };
-                    opening.add_plain::<DEPTH>(simd, plain, policy, open);
+                let Fragments { strength, depth, .. } =
+                    kernels.fragments(simd, number, pixels, (here.tile, &self.lens));
+                let color = kernels.color(number);
+                let [alpha, optical_depth] = if kernels.is_opacity(number) {
+                    [strength, optical_depth(simd, strength)]
                 } else {
-                    let Fragments { strength, depth, .. } =
-                        kernels.fragments(simd, number, pixels, (here.tile, &self.lens));
-                    let color = kernels.color(number);
-                    let [alpha, optical_depth] = if kernels.is_opacity(number) {
-                        [strength, optical_depth(simd, strength)]
-                    } else {
-                        [opacity(simd, strength), strength]
-                    };
-                    let fragment = Fragment { kernels, number, alpha, optical_depth, depth, color };
-                    opening.add::<DEPTH>(simd, fragment, policy, open);
-                }
+                    [opacity(simd, strength), strength]
+                };
+                let distance = kernels.distance(simd, number, (pixels, depth), (here.tile, &self.lens));
+                let fragment =
+                    Fragment { kernels, number, corner, alpha, optical_depth, depth, distance, color };
+                opening.add::<DEPTH>(simd, fragment, policy, open);
             }
             opening.store(seen, open);
             todo ^= set;
@@ -388,6 +400,7 @@ impl Compositor<'_> {
     ) {
         let Fragments { strength, depth, sigma_z } =
             kernels.fragments(simd, number, here.pixels(simd), (here.tile, &self.lens));
+        let distance = kernels.distance(simd, number, (here.pixels(simd), depth), (here.tile, &self.lens));
         let color = kernels.color(number);
         let is_opacity = kernels.is_opacity(number);
         let tau = if is_opacity { optical_depth(simd, strength) } else { strength };
@@ -395,6 +408,7 @@ impl Compositor<'_> {
         let mut from = W::simd_from(simd, self.lens.near);
         let mut before_from = share_before(simd, (from - depth) * inverse);
         let segments = cuts.block(here.block).segments;
+        let corner = here.tile.corner_pixel(here.block);
         for (segment, (blocks, opens)) in runs.segments[..segments].iter_mut().zip(opens).enumerate() {
             let (seen, open) = (&mut blocks[here.block], &mut opens[here.block]);
             let to = cuts.depth(segment, here.block).load(simd);
@@ -406,7 +420,8 @@ impl Compositor<'_> {
                 let alpha = kernels.opacity(simd, number, optical_depth);
                 let depth = depth.max(from).min(to);
                 let mut opening = O::load(simd, seen, open);
-                let fragment = Fragment { kernels, number, alpha, optical_depth, depth, color };
+                let fragment =
+                    Fragment { kernels, number, corner, alpha, optical_depth, depth, distance, color };
                 opening.add::<DEPTH>(simd, fragment, policy, open);
                 opening.store(seen, open);
             }

@@ -78,8 +78,8 @@ impl<S: Simd> Seeing<S> {
     #[inline(always)]
     pub(super) fn store(&self, seen: &mut Seen) {
         seen.opacity.store(self.opacity);
-        for (plane, color) in seen.color.iter_mut().zip(self.color) {
-            plane.store(color);
+        for (plane, color) in seen.color.iter_mut().zip(&self.color) {
+            plane.store(*color);
         }
         seen.depth.store(self.depth);
         seen.median.store(self.median);

@@ -1,17 +1,17 @@
-//! Closing at planes: optical depths, and colours times these, are summed up in any order slab by slab.
+//! Closing slab by slab: optical depths, and colours times these, are summed up in any order.
+//!
+//! The first two open slabs are in registers while kernels come that touch no others; for those that touch more, all are in
+//! memory.
 
 use super::seen::{Seeing, Seen};
-use super::{Fragment, Opening, Plain};
-use crate::closing::{Closing, Slabs};
-use crate::raster::Kernels;
+use super::{Fragment, Opening, Plain, before};
+use crate::closing::{Closing, Slabs, share_of_box, share_of_normal};
+use crate::raster::{Kernels, SlabShare};
 use crate::simd::*;
 use crate::tile::Plane;
 
-/// Slabs that may be open at once; a kernel that reaches over more of them comes in pieces.
+/// Slabs that may be open at once, a power of two; a kernel that reaches over more of them comes in pieces.
 pub(super) const MOST_OPEN: u32 = 16;
-
-/// Two slabs are open in registers, the others in memory.
-const FAR: usize = MOST_OPEN as usize - 2;
 
 /// What lies in a slab, along the rays of a block.
 #[derive(Clone, Copy)]
@@ -42,18 +42,75 @@ pub(crate) struct OpenSlabs {
     first: u32,
     /// There is nothing from this one on.
     end: u32,
-    near: [Kept; 2],
-    /// Slab number n at n modulo the length; zero where there is nothing.
-    far: [Kept; FAR],
+    /// Slab n at n modulo their number; zero where nothing is, or what is there is in registers.
+    kept: [Kept; MOST_OPEN as usize],
 }
 
 impl Default for OpenSlabs {
     fn default() -> Self {
-        Self { first: 0, end: 0, near: [Kept::ZERO; 2], far: [Kept::ZERO; FAR] }
+        Self { first: 0, end: 0, kept: [Kept::ZERO; MOST_OPEN as usize] }
+    }
+}
+
+impl OpenSlabs {
+    #[inline(always)]
+    fn slab(&mut self, number: u32) -> &mut Kept {
+        &mut self.kept[(number % MOST_OPEN) as usize]
+    }
+
+    /// Takes what is in a slab out of memory.
+    #[inline(always)]
+    fn take<S: Simd>(&mut self, simd: S, number: u32) -> Sum<S> {
+        let kept = self.slab(number);
+        let sum = Sum::load(simd, kept);
+        *kept = Kept::ZERO;
+        sum
+    }
+
+    /// Closes slabs that are all in memory, until `first` is the first one.
+    #[inline(always)]
+    fn close_before<S: Simd, const DEPTH: bool>(
+        &mut self,
+        simd: S,
+        first: u32,
+        (seen, thickness): (&mut Seeing<S>, f32),
+    ) {
+        while self.first < first.min(self.end) {
+            self.take(simd, self.first).close::<DEPTH>(simd, seen, thickness);
+            self.first += 1;
+        }
+        self.first = self.first.max(first);
+    }
+
+    /// Adds a kernel to the slabs of a range.
+    #[inline(always)]
+    fn add<S: Simd, const DEPTH: bool>(
+        &mut self,
+        simd: S,
+        (kernels, number, [first, last]): (&Kernels, usize, [u32; 2]),
+        Matter { optical_depth, depth, distance }: Matter<S>,
+        slabs: &Slabs,
+    ) {
+        let color = kernels.color(number);
+        let SlabShare { inverse, is_box, goes_on, ends } = kernels.slabs.share(number, [first, last]);
+        // Distances to the far ends of slabs, in units of the kernel's width.
+        let mut x = (W::simd_from(simd, slabs.begin(first)) - distance) * inverse;
+        let step = slabs.thickness() * inverse;
+        let before = |x: W<S>| if is_box { share_of_box(simd, x) } else { share_of_normal(simd, x) };
+        let mut passed = if goes_on { optical_depth * before(x) } else { W::simd_from(simd, 0.0) };
+        self.end = self.end.max(last + 1);
+        for slab in first..=last {
+            x += step;
+            let until = if slab == last && ends { optical_depth } else { optical_depth * before(x) };
+            let own = until - passed;
+            passed = until;
+            self.slab(slab).add::<S, DEPTH>(simd, (own, depth), color);
+        }
     }
 }
 
 /// Slabs are open.
+#[derive(Clone, Copy)]
 pub(super) struct Slabbed<S: Simd> {
     seen: Seeing<S>,
     near: [Sum<S>; 2],
@@ -67,21 +124,15 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
     type Policy = Closing;
 
     #[inline(always)]
-    fn load(simd: S, seen: &Seen, open: &OpenSlabs) -> Self {
-        let near = open.near.each_ref().each(
-            #[inline(always)]
-            |kept| Sum::load(simd, kept),
-        );
+    fn load(simd: S, seen: &Seen, open: &mut OpenSlabs) -> Self {
+        let near = [open.take(simd, open.first), open.take(simd, open.first + 1)];
         Self { seen: Seeing::load(simd, seen), near, first: open.first, end: open.end }
     }
 
     #[inline(always)]
     fn store(self, seen: &mut Seen, open: &mut OpenSlabs) {
         self.seen.store(seen);
-        for (kept, sum) in open.near.iter_mut().zip(&self.near) {
-            sum.store(kept);
-        }
-        (open.first, open.end) = (self.first, self.end);
+        self.store_near(open);
     }
 
     #[inline(always)]
@@ -97,20 +148,26 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
         closing: Closing,
         open: &mut OpenSlabs,
     ) {
-        let Plain { kernels, number, corner, pixels } = plain;
-        let optical_depth = kernels.plain_optical_depth(simd, number, pixels);
-        let (first, last) = (kernels.slabs.first[number], kernels.slabs.last[number]);
-        self.close_before::<DEPTH>(simd, first, closing, open);
-        let color = kernels.color(number);
-        if last == first {
-            self.end = self.end.max(last + 1);
-            let depth = if DEPTH { kernels.depth_at(simd, number, pixels) } else { optical_depth };
-            self.near[0].add::<DEPTH>(simd, (optical_depth, depth), color);
-        } else if let Closing::Slabs(slabs) = &closing {
-            let depth = kernels.depth_at(simd, number, pixels);
-            let range = kernels.slabs_in(number, corner, slabs);
-            self.end = self.end.max(range[1] + 1);
-            self.share_out::<DEPTH>(simd, (kernels, number, range), (optical_depth, depth), (slabs, open));
+        let Closing::Slabs(slabs) = &closing else {
+            return self.add_to_sheets::<DEPTH>(simd, plain, open);
+        };
+        let narrow = plain.kernels.slabs.narrow;
+        let mut rest = plain.set;
+        while rest != 0 {
+            let set = before(rest, rest & !narrow);
+            self.add_narrow::<DEPTH>(simd, Plain { set, ..plain }, slabs, open);
+            rest ^= set;
+            if rest != 0 {
+                let set = before(rest, rest & narrow);
+                // A function of its own takes no registers from the other way.
+                let copy = *self;
+                *self = apart(
+                    simd,
+                    #[inline(always)]
+                    || copy.add_wide::<DEPTH>(simd, Plain { set, ..plain }, slabs, open),
+                );
+                rest ^= set;
+            }
         }
     }
 
@@ -122,108 +179,150 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
         closing: Closing,
         open: &mut OpenSlabs,
     ) {
-        let Fragment { kernels, number, optical_depth, depth, color, .. } = fragment;
-        let range = [kernels.slabs.first[number], kernels.slabs.last[number]];
-        self.close_before::<DEPTH>(simd, range[0], closing, open);
-        self.end = self.end.max(range[1] + 1);
-        match &closing {
-            Closing::Slabs(slabs) => {
-                self.share_out::<DEPTH>(
-                    simd,
-                    (kernels, number, range),
-                    (optical_depth, depth),
-                    (slabs, open),
-                );
-            }
-            _ => self.near[0].add::<DEPTH>(simd, (optical_depth, depth), color),
-        }
+        let Fragment { kernels, number, corner, optical_depth, depth, distance, .. } = fragment;
+        let first = kernels.slabs.first[number];
+        let Closing::Slabs(slabs) = &closing else {
+            self.close_before::<DEPTH>(simd, first, 0.0, open);
+            self.near[0].add::<DEPTH>(simd, (optical_depth, depth), kernels.color(number));
+            self.end = self.end.max(first + 2);
+            return;
+        };
+        self.store_near(open);
+        open.close_before::<S, DEPTH>(simd, first, (&mut self.seen, slabs.thickness()));
+        let range = kernels.slabs_in(number, corner, slabs);
+        let matter = Matter { optical_depth, depth, distance };
+        open.add::<S, DEPTH>(simd, (kernels, number, range), matter, slabs);
+        self.load_near(simd, open);
     }
 
     #[inline(always)]
     fn finish<const DEPTH: bool>(&mut self, simd: S, closing: Closing, open: &mut OpenSlabs) {
-        self.close_before::<DEPTH>(simd, u32::MAX, closing, open);
-        // Ready for the next tile: nothing is open, and what is kept is zero.
+        self.close_before::<DEPTH>(simd, u32::MAX, closing.thickness(), open);
+        // Ready for the next tile.
         (self.first, self.end) = (0, 0);
     }
 }
 
+/// A kernel at pixels.
+#[derive(Clone, Copy)]
+struct Matter<S: Simd> {
+    optical_depth: W<S>,
+    /// z, and the distance from the eye.
+    depth: W<S>,
+    distance: W<S>,
+}
+
 impl<S: Simd> Slabbed<S> {
-    /// Closes the slabs before `first`.
     #[inline(always)]
-    fn close_before<const DEPTH: bool>(
+    fn load_near(&mut self, simd: S, open: &mut OpenSlabs) {
+        (self.first, self.end) = (open.first, open.end);
+        self.near = [open.take(simd, open.first), open.take(simd, open.first + 1)];
+    }
+
+    #[inline(always)]
+    fn store_near(&self, open: &mut OpenSlabs) {
+        (open.first, open.end) = (self.first, self.end);
+        self.near[0].store(open.slab(self.first));
+        self.near[1].store(open.slab(self.first + 1));
+    }
+
+    /// Closes slabs until `first` is the first one.
+    #[inline(always)]
+    fn close_before<const DEPTH: bool>(&mut self, simd: S, first: u32, thickness: f32, open: &mut OpenSlabs) {
+        while self.first < first.min(self.end) {
+            let [sum, next] = self.near;
+            sum.close::<DEPTH>(simd, &mut self.seen, thickness);
+            self.first += 1;
+            self.near[0] = next;
+            self.near[1] = Sum::zero(simd);
+            if self.first + 1 < self.end {
+                self.near[1] = open.take(simd, self.first + 1);
+            }
+        }
+        self.first = self.first.max(first);
+    }
+
+    /// Adds plain kernels that touch two slabs at most.
+    #[inline(always)]
+    fn add_narrow<const DEPTH: bool>(
         &mut self,
         simd: S,
-        first: u32,
-        closing: Closing,
+        mut plain: Plain<S>,
+        slabs: &Slabs,
         open: &mut OpenSlabs,
     ) {
-        while self.first < first {
-            if self.first >= self.end {
-                self.first = first;
-                return;
+        let Plain { kernels, pixels, .. } = plain;
+        let mut plane = slabs.begin(self.first + 1);
+        while let Some(number) = plain.next() {
+            let first = kernels.slabs.first[number];
+            if first != self.first {
+                self.close_before::<DEPTH>(simd, first, slabs.thickness(), open);
+                plane = slabs.begin(first + 1);
             }
-            let planes = match &closing {
-                Closing::Slabs(slabs) => Some([slabs.plane(self.first), slabs.thickness]),
-                _ => None,
-            };
-            let [sum, next] = self.near;
-            sum.close::<DEPTH>(simd, &mut self.seen, planes);
-            self.near = [next, Sum::zero(simd)];
-            self.first += 1;
-            if self.first + 1 < self.end {
-                let kept = &mut open.far[(self.first + 1) as usize % FAR];
-                self.near[1] = Sum::load(simd, kept);
-                *kept = Kept::ZERO;
-            }
+            self.end = self.end.max(first + 2);
+            let (optical_depth, share) = kernels.plain_share_before(simd, number, pixels, plane);
+            let depth = if DEPTH { kernels.depth_at(simd, number, pixels) } else { share };
+            let color = kernels.color(number);
+            let nearer = optical_depth * share;
+            self.near[0].add::<DEPTH>(simd, (nearer, depth), color);
+            self.near[1].add::<DEPTH>(simd, (optical_depth - nearer, depth), color);
         }
     }
 
-    /// Shares a kernel out between the slabs of a range.
+    /// Adds any plain kernels.
     #[inline(always)]
-    fn share_out<const DEPTH: bool>(
+    fn add_wide<const DEPTH: bool>(
+        mut self,
+        simd: S,
+        mut plain: Plain<S>,
+        slabs: &Slabs,
+        open: &mut OpenSlabs,
+    ) -> Self {
+        self.store_near(open);
+        let Plain { kernels, pixels, corner, .. } = plain;
+        while let Some(number) = plain.next() {
+            let first = kernels.slabs.first[number];
+            open.close_before::<S, DEPTH>(simd, first, (&mut self.seen, slabs.thickness()));
+            let optical_depth = kernels.plain_optical_depth(simd, number, pixels);
+            let depth = if DEPTH { kernels.depth_at(simd, number, pixels) } else { optical_depth };
+            let distance = kernels.affine_distance(simd, number, pixels);
+            let range = kernels.slabs_in(number, corner, slabs);
+            let matter = Matter { optical_depth, depth, distance };
+            open.add::<S, DEPTH>(simd, (kernels, number, range), matter, slabs);
+        }
+        self.load_near(simd, open);
+        self
+    }
+
+    /// Adds plain kernels to the sheets of their centres.
+    #[inline(always)]
+    fn add_to_sheets<const DEPTH: bool>(&mut self, simd: S, mut plain: Plain<S>, open: &mut OpenSlabs) {
+        let Plain { kernels, pixels, .. } = plain;
+        while let Some(number) = plain.next() {
+            let first = kernels.slabs.first[number];
+            self.close_before::<DEPTH>(simd, first, 0.0, open);
+            self.end = self.end.max(first + 2);
+            let optical_depth = kernels.plain_optical_depth(simd, number, pixels);
+            let depth = if DEPTH { kernels.depth_at(simd, number, pixels) } else { optical_depth };
+            self.near[0].add::<DEPTH>(simd, (optical_depth, depth), kernels.color(number));
+        }
+    }
+}
+
+impl Kept {
+    #[inline(always)]
+    fn add<S: Simd, const DEPTH: bool>(
         &mut self,
         simd: S,
-        (kernels, number, [first, last]): (&Kernels, usize, [u32; 2]),
         (optical_depth, depth): (W<S>, W<S>),
-        (slabs, open): (&Slabs, &mut OpenSlabs),
+        color: [f32; 3],
     ) {
-        let color = kernels.color(number);
-        let columns = &kernels.slabs;
-        let is_whole = !columns.goes_on(number) && columns.ends(number);
-        let place = first.saturating_sub(self.first);
-        if is_whole && place == 0 && last <= first + 1 {
-            // All that is narrower than a slab.
-            if last == first {
-                self.near[0].add::<DEPTH>(simd, (optical_depth, depth), color);
-                return;
-            }
-            let before = kernels.share_before(simd, number, depth, (slabs, last));
-            let nearer = optical_depth * before;
-            self.near[0].add::<DEPTH>(simd, (nearer, depth), color);
-            self.near[1].add::<DEPTH>(simd, (optical_depth - nearer, depth), color);
-            return;
+        self.optical_depth.store(self.optical_depth.load(simd) + optical_depth);
+        for (plane, own) in self.color.iter_mut().zip(color) {
+            plane.store(optical_depth.mul_add(W::simd_from(simd, own), plane.load(simd)));
         }
-        let mut passed = W::simd_from(simd, 0.0);
-        if columns.goes_on(number) && first == columns.first[number] {
-            passed = optical_depth * kernels.share_before(simd, number, depth, (slabs, first));
-        }
-        for slab in first..=last {
-            let mut until = optical_depth;
-            if slab < last || !(columns.ends(number) || last < columns.last[number]) {
-                until *= kernels.share_before(simd, number, depth, (slabs, slab + 1));
-            }
-            let own = until - passed;
-            passed = until;
-            match slab.saturating_sub(self.first) {
-                0 => self.near[0].add::<DEPTH>(simd, (own, depth), color),
-                1 => self.near[1].add::<DEPTH>(simd, (own, depth), color),
-                _ => {
-                    let kept = &mut open.far[slab as usize % FAR];
-                    let mut sum = Sum::load(simd, kept);
-                    sum.add::<DEPTH>(simd, (own, depth), color);
-                    sum.store(kept);
-                }
-            }
+        if DEPTH {
+            self.depth.store(optical_depth.mul_add(depth, self.depth.load(simd)));
         }
     }
 }
@@ -248,8 +347,8 @@ impl<S: Simd> Sum<S> {
     #[inline(always)]
     fn store(&self, kept: &mut Kept) {
         kept.optical_depth.store(self.optical_depth);
-        for (plane, color) in kept.color.iter_mut().zip(self.color) {
-            plane.store(color);
+        for (plane, color) in kept.color.iter_mut().zip(&self.color) {
+            plane.store(*color);
         }
         kept.depth.store(self.depth);
     }
@@ -266,16 +365,15 @@ impl<S: Simd> Sum<S> {
     }
 
     /// Puts the slab behind what is seen: T·(1 − e^{−τ})/τ of each sum. Where half of the light is lost in it the median
-    /// is there, as if the optical depth were even from the plane where it begins over its thickness; at the mean where it
-    /// has no planes.
+    /// is there, as if the optical depth were even over the thickness, to either side of the mean.
     #[inline(always)]
-    fn close<const DEPTH: bool>(&self, simd: S, seen: &mut Seeing<S>, planes: Option<[f64; 2]>) {
+    fn close<const DEPTH: bool>(&self, simd: S, seen: &mut Seeing<S>, thickness: f32) {
         let one = W::simd_from(simd, 1.0);
         let tau = self.optical_depth;
         let through = one - seen.opacity;
         let shown = through * opacity_share(simd, tau);
-        for (seen, sum) in seen.color.iter_mut().zip(self.color) {
-            *seen = shown.mul_add(sum, *seen);
+        for (seen, sum) in seen.color.iter_mut().zip(&self.color) {
+            *seen = shown.mul_add(*sum, *seen);
         }
         seen.opacity = shown.mul_add(tau, seen.opacity);
         if DEPTH {
@@ -284,15 +382,9 @@ impl<S: Simd> Sum<S> {
             let is_half = seen.opacity.simd_ge(half) & through.simd_gt(half);
             if is_half.any_true() {
                 let inverse = one / tau.max(W::simd_from(simd, 1e-30));
-                let z = match planes {
-                    Some([begin, thickness]) => {
-                        let least = W::simd_from(simd, 0.5);
-                        let until = log2(simd, (through + through).max(least)) * std::f32::consts::LN_2;
-                        let [begin, thickness] = [begin, thickness].map(|z| W::simd_from(simd, z as f32));
-                        (until * inverse).min(one).mul_add(thickness, begin)
-                    }
-                    None => self.depth * inverse,
-                };
+                let until = log2(simd, (through + through).max(half)) * std::f32::consts::LN_2;
+                let from_middle = (until * inverse).min(one) - half;
+                let z = from_middle.mul_add(W::simd_from(simd, thickness), self.depth * inverse);
                 seen.median = is_half.select(z, seen.median);
             }
         }

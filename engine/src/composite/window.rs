@@ -63,7 +63,7 @@ impl<S: Simd> Opening<S> for Windowed<S> {
     type Policy = ();
 
     #[inline(always)]
-    fn load(simd: S, seen: &Seen, _: &Window) -> Self {
+    fn load(simd: S, seen: &Seen, _: &mut Window) -> Self {
         Self { seen: Seeing::load(simd, seen) }
     }
 
@@ -78,11 +78,13 @@ impl<S: Simd> Opening<S> for Windowed<S> {
     }
 
     #[inline(always)]
-    fn add_plain<const DEPTH: bool>(&mut self, simd: S, plain: Plain<S>, (): (), window: &mut Window) {
-        let Plain { kernels, number, pixels, .. } = plain;
-        let alpha = kernels.plain_alpha(simd, number, pixels);
-        let depth = kernels.depth_at(simd, number, pixels);
-        self.insert::<DEPTH>(simd, (alpha, depth, kernels.color(number)), window);
+    fn add_plain<const DEPTH: bool>(&mut self, simd: S, mut plain: Plain<S>, (): (), window: &mut Window) {
+        let Plain { kernels, pixels, .. } = plain;
+        while let Some(number) = plain.next() {
+            let alpha = kernels.plain_alpha(simd, number, pixels);
+            let depth = kernels.depth_at(simd, number, pixels);
+            self.insert::<DEPTH>(simd, (alpha, depth, kernels.color(number)), window);
+        }
     }
 
     #[inline(always)]
@@ -176,8 +178,8 @@ impl<S: Simd> Waiting<S> {
     fn store(&self, slot: &mut Slot) {
         slot.depth.store(self.depth);
         slot.alpha.store(self.alpha);
-        for (plane, color) in slot.color.iter_mut().zip(self.color) {
-            plane.store(color);
+        for (plane, color) in slot.color.iter_mut().zip(&self.color) {
+            plane.store(*color);
         }
     }
 

@@ -175,12 +175,13 @@ impl<'a> Projector<'a> {
         }
         let mut distance = if perspective { splat.center.length() } else { splat.center.z } as f32;
         if record.tag.kind != Kind::Surface && closing.has_slabs() {
-            let [_, farthest] = footprint.depth_range(cutoff);
-            let reach = farthest - splat.center.z;
-            let along = (reach.powi(2) - cutoff * footprint.sigma_z.powi(2)).max(0.0).sqrt();
-            let reach = if exact { reach } else { along } as f32;
-            let center = splat.center.as_vec3().to_array();
-            record.amplitude_slope_or_slabs = closing.slabs_of_one(center, [footprint.sigma_z as f32, reach]);
+            // The largest half-axis is less than this.
+            let filter =
+                lens.low_pass / lens.focal.min_element() * if perspective { splat.center.z } else { 1.0 };
+            let [x, y, z] = [splat.factor.x_axis, splat.factor.y_axis, splat.factor.z_axis];
+            let trace = x.length_squared() + y.length_squared() + z.length_squared() + filter.powi(2);
+            let along = [f64::from(distance), footprint.sigma_z * ray.length(), (cutoff * trace).sqrt()];
+            record.amplitude_slope_or_slabs = closing.numbers_of_one(splat.center.as_vec3(), along);
             distance = record.amplitude_slope_or_slabs[0];
         }
         Some(Projected { record, rect, distance, sample })

@@ -3,7 +3,7 @@
 use super::offsets::{Exact, HALF_LOG2_E};
 use super::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
 use crate::camera::Projection;
-use crate::closing::{Closing, Slabs, Spread, share_of_box, share_of_normal};
+use crate::closing::{Closing, Distances, Slabs, Spread};
 use crate::footprint::{Kind, Lens, Record, Rect};
 use crate::simd::*;
 use crate::tile::{HALF_BLOCK, Tile};
@@ -39,10 +39,17 @@ pub(crate) struct SlabColumns {
     /// Slabs that may be touched.
     pub(crate) first: [u32; BATCH],
     pub(crate) last: [u32; BATCH],
+    /// See [`Distances`].
+    distance: Column,
+    slope: [Column; 2],
+    /// Change of the share before a distance, of a box.
+    share_slope: [Column; 2],
     /// See [`Spread`].
     inverse: Column,
     half: Column,
     boxes: u64,
+    /// Boxes that touch no more than two slabs: shared out between the first and the next.
+    pub(crate) narrow: u64,
     /// Pieces that begin, and that end, their records.
     begin: u64,
     end: u64,
@@ -52,9 +59,13 @@ impl SlabColumns {
     const NONE: Self = Self {
         first: [0; BATCH],
         last: [0; BATCH],
+        distance: [0.0; BATCH],
+        slope: [[0.0; BATCH]; 2],
+        share_slope: [[0.0; BATCH]; 2],
         inverse: [0.0; BATCH],
         half: [0.0; BATCH],
         boxes: 0,
+        narrow: 0,
         begin: 0,
         end: 0,
     };
@@ -63,22 +74,35 @@ impl SlabColumns {
     #[inline(always)]
     pub(crate) fn set(&mut self, number: usize, [first, last]: [u32; 2], [begin, end]: [bool; 2]) {
         let number = number % BATCH;
+        let is_narrow = begin && end && last <= first + 1;
+        self.narrow = self.narrow & !(1 << number) | u64::from(is_narrow) << number;
         (self.first[number], self.last[number]) = (first, last);
         self.begin = self.begin & !(1 << number) | u64::from(begin) << number;
         self.end = self.end & !(1 << number) | u64::from(end) << number;
     }
 
-    /// Whether the slabs before the first one have had their share already.
+    /// How a record's piece is shared out between some of its slabs.
     #[inline(always)]
-    pub(crate) fn goes_on(&self, number: usize) -> bool {
-        self.begin >> number & 1 == 0
+    pub(crate) fn share(&self, number: usize, [first, last]: [u32; 2]) -> SlabShare {
+        let has = |set: u64| set >> number & 1 != 0;
+        SlabShare {
+            inverse: self.inverse[number],
+            is_box: has(self.boxes),
+            goes_on: !has(self.begin) && first == self.first[number],
+            ends: has(self.end) || last < self.last[number],
+        }
     }
+}
 
-    /// Whether nothing is left for the slabs behind the last one.
-    #[inline(always)]
-    pub(crate) fn ends(&self, number: usize) -> bool {
-        self.end >> number & 1 != 0
-    }
+/// See [`SlabColumns::share`].
+pub(crate) struct SlabShare {
+    /// See [`Spread`].
+    pub(crate) inverse: f32,
+    pub(crate) is_box: bool,
+    /// Whether slabs before the first one have had their share.
+    pub(crate) goes_on: bool,
+    /// Whether the last slab gets what is left.
+    pub(crate) ends: bool,
 }
 
 /// Volume records of a tile, as many as go together, and what follows from them.
@@ -165,21 +189,45 @@ impl Kernels {
             hidden |= nearest.simd_gt(W::simd_from(simd, hidden_from)).to_bitmask() << first;
             self.whole |= nearest.simd_gt(W::simd_from(simd, lens.near)).to_bitmask() << first;
         }
-        if let Closing::Slabs(slabs) = lens.closing {
+        if let Closing::Slabs(slabs) = &lens.closing {
             self.slabs.boxes = 0;
             for first in self.outlines.sixteens() {
-                let Spread { inverse, half, is_box } =
-                    slabs.spread(simd, sixteen(simd, &self.outlines.sigma_z, first));
-                inverse.store_slice(&mut self.slabs.inverse[first..first + 16]);
-                half.store_slice(&mut self.slabs.half[first..first + 16]);
-                self.slabs.boxes |= is_box.to_bitmask() << first;
+                self.prepare_slabs(simd, (tile, slabs), first);
             }
+            self.slabs.narrow &= self.slabs.boxes;
         }
         if lens.closing.has_slabs() {
             // Sums are of optical depths.
             self.plain &= !self.opacities;
         }
         self.masks = self.outlines.blocks(simd, tile, !hidden, rect);
+    }
+
+    /// Finds how sixteen records are spread over slabs.
+    #[inline(always)]
+    fn prepare_slabs<S: Simd>(&mut self, simd: S, (tile, slabs): (Tile, &Slabs), first: usize) {
+        let outlines = &self.outlines;
+        let range = first..first + 16;
+        let mean = [0, 1].each(
+            #[inline(always)]
+            |axis| sixteen(simd, &outlines.mean[axis], first) + (tile.origin[axis] as f32 + 0.5),
+        );
+        let slope = sixteen_of(simd, &outlines.depth_slope, first);
+        let (depth, sigma_z) =
+            (sixteen(simd, &outlines.depth, first), sixteen(simd, &outlines.sigma_z, first));
+        let Distances { center, slope, sigma } = slabs.distances(simd, mean, (depth, slope, sigma_z));
+        let Spread { inverse, half, is_box } = slabs.spread(simd, sigma);
+        let SlabColumns {
+            distance, slope: slopes, share_slope, inverse: inverses, half: halves, boxes, ..
+        } = &mut self.slabs;
+        center.store_slice(&mut distance[range.clone()]);
+        slope[0].store_slice(&mut slopes[0][range.clone()]);
+        slope[1].store_slice(&mut slopes[1][range.clone()]);
+        (-slope[0] * inverse).store_slice(&mut share_slope[0][range.clone()]);
+        (-slope[1] * inverse).store_slice(&mut share_slope[1][range.clone()]);
+        inverse.store_slice(&mut inverses[range.clone()]);
+        half.store_slice(&mut halves[range]);
+        *boxes |= is_box.to_bitmask() << first;
     }
 
     /// Finds what follows from sixteen records.
@@ -306,33 +354,59 @@ impl Kernels {
         self.weight(simd, number, exponent) * self.amplitude[number]
     }
 
-    /// The slabs that a record, or a piece of one, may touch in the block with a corner.
+    /// The optical depth of a plain kernel that is spread as a box at pixels, and its share before a distance.
     #[inline(always)]
-    pub(crate) fn slabs_in(&self, number: usize, corner: [f32; 2], slabs: &Slabs) -> [u32; 2] {
-        let SlabColumns { first, last, half, .. } = &self.slabs;
-        let range = first[number]..=last[number];
-        if self.outlines.is_exact(number) {
-            return [*range.start(), *range.end()];
-        }
-        let (depth, slope, _) = self.outlines.plane(number);
-        let [x, y] = [0, 1].map(|axis| corner[axis] + HALF_BLOCK - self.outlines.mean[axis][number]);
-        let middle = slope[0].mul_add(x, slope[1].mul_add(y, depth)) - slabs.near as f32;
-        let half = (slope[0].abs() + slope[1].abs()).mul_add(HALF_BLOCK, half[number]);
-        let per_length = (1.0 / slabs.thickness) as f32;
-        [middle - half, middle + half].map(|z| ((z * per_length) as u32).clamp(*range.start(), *range.end()))
-    }
-
-    /// The share of a record that lies before the plane where a slab begins, from its z at pixels.
-    #[inline(always)]
-    pub(crate) fn share_before<S: Simd>(
+    pub(crate) fn plain_share_before<S: Simd>(
         &self,
         simd: S,
         number: usize,
-        depth: W<S>,
-        (slabs, slab): (&Slabs, u32),
+        pixels: [W<S>; 2],
+        plane: f32,
+    ) -> (W<S>, W<S>) {
+        let offsets = self.outlines.offsets(simd, number, pixels);
+        let optical_depth = self.weight(simd, number, offsets.exponent) * self.amplitude[number];
+        let SlabColumns { distance, share_slope: [x, y], inverse, .. } = &self.slabs;
+        let at_mean = (plane - distance[number]).mul_add(inverse[number], 0.5);
+        let share = offsets.linear(simd, at_mean, [x[number], y[number]]);
+        (optical_depth, share.max(W::simd_from(simd, 0.0)).min(W::simd_from(simd, 1.0)))
+    }
+
+    /// The distance of a kernel in the affine form at pixels.
+    #[inline(always)]
+    pub(crate) fn affine_distance<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
+        let SlabColumns { distance, slope: [x, y], .. } = &self.slabs;
+        self.outlines.offsets(simd, number, pixels).linear(simd, distance[number], [x[number], y[number]])
+    }
+
+    /// The distance of a kernel of any form at pixels, from its z there.
+    #[inline(always)]
+    pub(crate) fn distance<S: Simd>(
+        &self,
+        simd: S,
+        number: usize,
+        (pixels, depth): ([W<S>; 2], W<S>),
+        (tile, lens): (Tile, &KernelLens),
     ) -> W<S> {
-        let x = (W::simd_from(simd, slabs.plane(slab) as f32) - depth) * self.slabs.inverse[number];
-        if self.slabs.boxes >> number & 1 != 0 { share_of_box(simd, x) } else { share_of_normal(simd, x) }
+        if self.outlines.is_exact(number) {
+            depth * ray_lengths(simd, &lens.lens, in_picture(pixels, tile))
+        } else {
+            self.affine_distance(simd, number, pixels)
+        }
+    }
+
+    /// The slabs that a record, or a piece of one, may touch in the block with a corner.
+    #[inline(always)]
+    pub(crate) fn slabs_in(&self, number: usize, corner: [f32; 2], slabs: &Slabs) -> [u32; 2] {
+        let SlabColumns { first, last, distance, slope, half, .. } = &self.slabs;
+        let (first, last) = (first[number], last[number]);
+        if self.outlines.is_exact(number) {
+            return [first, last];
+        }
+        let [x, y] = [0, 1].map(|axis| corner[axis] + HALF_BLOCK - self.outlines.mean[axis][number]);
+        let slope = [slope[0][number], slope[1][number]];
+        let middle = slope[0].mul_add(x, slope[1].mul_add(y, distance[number]));
+        let half = (slope[0].abs() + slope[1].abs()).mul_add(HALF_BLOCK, half[number]);
+        slabs.numbers_at([middle - half, middle + half]).map(|number| number.clamp(first, last))
     }
 
     /// z at pixels.
@@ -369,14 +443,19 @@ impl Kernels {
         let scale = inverse_root(simd, den);
         let mut strength = self.weight(simd, number, exponent) * amplitude;
         if !self.is_opacity(number) {
-            let [x, y] = [0, 1].each(
-                #[inline(always)]
-                |axis| pixels[axis] + (tile.origin[axis] as f32 + 0.5),
-            );
-            strength *= scale * ray_lengths(simd, &lens.lens, [x, y]);
+            strength *= scale * ray_lengths(simd, &lens.lens, in_picture(pixels, tile));
         }
         Fragments { strength, depth, sigma_z: scale * sigma_z }
     }
+}
+
+/// Centres of a tile's pixels, from the picture's corner.
+#[inline(always)]
+fn in_picture<S: Simd>(pixels: [W<S>; 2], tile: Tile) -> [W<S>; 2] {
+    [0, 1].each(
+        #[inline(always)]
+        |axis| pixels[axis] + (tile.origin[axis] as f32 + 0.5),
+    )
 }
 
 /// |v| of the rays through pixels.

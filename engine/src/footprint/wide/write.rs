@@ -3,6 +3,7 @@
 use super::WideProjector;
 use super::geometry::{Footprints, Placed};
 use super::looks::Looks;
+use crate::closing::{Closing, Distances};
 use crate::columns::{self, LANES, Lanes};
 use crate::cull::{CLUSTER_SIZE, VisibleRange};
 use crate::footprint::record::{Form, Kind, Record, Rect, Tag};
@@ -43,9 +44,7 @@ impl WideProjector<'_> {
             let (mut distance, mut slope) =
                 (if self.perspective { dot(placed.center, placed.center).sqrt() } else { z }, looks.slope);
             if !range.is_surface && closing.has_slabs() {
-                let along = (-footprints.sigma_z).mul_add(footprints.sigma_z, footprints.zz).max(zero);
-                let along = exact.select(reach, (along * self.cutoff).sqrt());
-                slope = closing.slabs(simd, placed.center, [footprints.sigma_z, along]);
+                slope = self.slabs(simd, placed, footprints, exact);
                 distance = slope[0];
             }
             ends[0] = seen.select(distance, ends[0]).min(ends[0]);
@@ -60,6 +59,32 @@ impl WideProjector<'_> {
         if hard != 0 {
             self.insert_scalar(range, first, (visible, hard), (start, out));
         }
+    }
+
+    /// The slabs that kernels may touch, first and last.
+    #[inline(always)]
+    fn slabs<S: Simd>(
+        &self,
+        simd: S,
+        placed: &Placed<S>,
+        footprints: &Footprints<S>,
+        exact: M<S>,
+    ) -> [V<S>; 2] {
+        let closing = &self.scalar.view.closing;
+        let Closing::Slabs(slabs) = closing else {
+            let zero = splat(simd, 0.0);
+            return closing.numbers(simd, placed.center, (zero, zero, zero));
+        };
+        let Footprints { mean, depth_slope, sigma_z, conic_root, .. } = footprints;
+        let kernels = (placed.center[2], *depth_slope, *sigma_z);
+        let Distances { center, slope, sigma } = slabs.distances(simd, *mean, kernels);
+        // |M⁻ᵀ slope|² is the variance over the footprint.
+        let [a, b, c] = *conic_root;
+        let x = slope[0] * reciprocal(simd, a);
+        let y = (slope[1] - b * x) * reciprocal(simd, c);
+        let variance = x.mul_add(x, y * y);
+        let variance = exact.select(sigma.mul_add(sigma, variance), variance);
+        closing.numbers(simd, placed.center, (center, sigma, (variance * self.cutoff).sqrt()))
     }
 
     /// Projects what is left to the scalar projection; records keep the order of splats.
