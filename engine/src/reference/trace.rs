@@ -14,11 +14,13 @@ pub(super) struct Path {
     /// Depths times their contributions.
     pub(super) z: f64,
     pub(super) transmittance: f64,
+    /// z at which the transmittance has fallen to a half; infinity before it has.
+    pub(super) median_z: f64,
 }
 
 impl Path {
     pub(super) fn new() -> Self {
-        Self { color: DVec3::ZERO, z: 0.0, transmittance: 1.0 }
+        Self { color: DVec3::ZERO, z: 0.0, transmittance: 1.0, median_z: f64::INFINITY }
     }
 
     /// Puts something flat behind all that is there.
@@ -27,6 +29,9 @@ impl Path {
         self.color += contribution * color;
         self.z += contribution * z;
         self.transmittance *= 1.0 - alpha;
+        if self.transmittance <= 0.5 && self.median_z == f64::INFINITY {
+            self.median_z = z;
+        }
     }
 }
 
