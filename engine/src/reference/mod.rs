@@ -9,6 +9,9 @@
 //! * **R2** leaves the splats as they are and takes many rays a pixel, spread as the low-pass is. It also
 //!   shows what filtering splats one by one costs.
 //!
+//! [`stochastic`] estimates R1's picture by chance, without any order: where the two agree, neither sorts nor
+//! integrates wrongly.
+//!
 //! What they define:
 //! * `Extinction` kernels act as far as 6σ and are not renormalised (e⁻¹⁸ is left out).
 //! * `Opacity` kernels that are alone in a scene are composited whole in the order of their centres'
@@ -19,9 +22,10 @@
 //!   coverage is renormalised for it. A surface is a cut: the volume before it is integrated up to
 //!   exactly its z.
 //! * Harmonics are those of the direction in which a splat's centre is seen, as the rasterizer's.
-//! * Median depth is that of the transmittance along the ray: solved for within a step, at a surface the surface's z; where
-//!   kernels are composited by their centres, z of the one that takes it to a half. R2's is the lower median of its rays'
-//!   medians, infinite ones among them: of opaque things it is where the mean transmittance falls to a half.
+//! * Median depth is that of the transmittance along the ray: solved for within a step, at a surface the surface's
+//!   z; where kernels are composited by their centres, z of the one that takes it to a half. R2's is the lower
+//!   median of its rays' medians, infinite ones among them: of opaque things it is where the mean transmittance
+//!   falls to a half.
 //! * Blending in display space filters there too: R2 averages its rays before colours are decoded.
 //!
 //! * Flat splats get a thickness of 1e-6 of their size. Volume kernels shade at their centres, surfaces a
@@ -39,6 +43,7 @@ mod layers;
 mod random;
 mod shading;
 mod splats;
+mod stochastic;
 mod trace;
 mod view;
 
@@ -54,6 +59,8 @@ use splats::{Ball, Setup};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use trace::{FirstSurface, Path, Tracer};
 use view::{pixel_rotation, pixel_samples};
+
+pub use stochastic::{Estimate, stochastic};
 
 /// Which reference.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

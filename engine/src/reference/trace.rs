@@ -4,6 +4,7 @@ use super::integral::{Fragment, March, NormalDistribution, OPAQUE, STEPS_PER_SIG
 use super::layers::{Layer, Sample, layers};
 use super::shading::Spot;
 use super::splats::{Kernel, Setup, Splat, Surfel};
+use super::stochastic::Chance;
 use super::view::Ray;
 use glam::DVec3;
 
@@ -99,6 +100,19 @@ impl<'s, 'a> Tracer<'s, 'a> {
         }
         march.advance(f64::INFINITY, &mut path);
         (path, first)
+    }
+
+    /// All that a ray may hit.
+    pub(super) fn chances(&mut self, ray: &Ray) -> Vec<Chance> {
+        self.take_samples(ray);
+        let (setup, near) = (self.setup, self.setup.view.near);
+        let of_kernel = |kernel: &Kernel| {
+            let center = setup.by_centers.then_some(kernel.distance);
+            Some(Chance::of_kernel(&kernel.fragment(ray)?, near, center))
+        };
+        let of_layer = |layer: Layer<'_>| Chance::of_layer(layer.alpha, layer.z, shaded(setup, &layer, ray));
+        let kernels = self.kernels.iter().filter_map(of_kernel);
+        kernels.chain(layers(&mut self.samples).map(of_layer)).collect()
     }
 
     /// The first surface of a ray.
