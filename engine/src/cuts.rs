@@ -3,8 +3,12 @@
 use crate::simd::*;
 use crate::tile::{MAX_BLOCKS, PIXELS, Plane, Tile};
 
-/// Layers a pixel; the last takes whatever is left.
-pub(crate) const MAX_LAYERS: usize = 4;
+/// The most layers of a pixel; the last takes whatever is left. Meshes end at eight, along their silhouettes: this is
+/// for clouds of points so far away that hundreds of them share a pixel, each at a depth of its own.
+pub(crate) const MAX_LAYERS: usize = 64;
+
+/// Layers a block that there is room for from the start.
+const USUAL_LAYERS: usize = 4;
 
 /// A surface layer at the pixels of a block.
 #[derive(Clone, Copy, Debug)]
@@ -38,6 +42,8 @@ impl Cut {
 /// What the cuts of a block mean for a volume.
 #[derive(Clone, Copy)]
 pub(crate) struct BlockCuts {
+    /// Where the first of them is.
+    first: usize,
     /// How many there are in the pixel that has most.
     pub(crate) layers: usize,
     /// The nearest cut.
@@ -49,12 +55,14 @@ pub(crate) struct BlockCuts {
 }
 
 impl BlockCuts {
-    const OPEN: Self = Self { layers: 0, nearest: f32::INFINITY, hidden: f32::INFINITY, segments: 1 };
+    const OPEN: Self =
+        Self { first: 0, layers: 0, nearest: f32::INFINITY, hidden: f32::INFINITY, segments: 1 };
 }
 
 /// The cuts of a tile's pixels, near to far.
 pub(crate) struct Cuts {
-    layers: [Vec<Cut>; MAX_LAYERS],
+    /// Block by block.
+    cuts: Vec<Cut>,
     blocks: [BlockCuts; MAX_BLOCKS],
     hidden: f32,
     segments: usize,
@@ -62,11 +70,12 @@ pub(crate) struct Cuts {
 
 impl Cuts {
     pub(crate) fn new() -> Self {
-        let layers = std::array::from_fn(|_| Vec::new());
-        Self { layers, blocks: [BlockCuts::OPEN; MAX_BLOCKS], hidden: f32::INFINITY, segments: 1 }
+        let cuts = Vec::with_capacity(USUAL_LAYERS * MAX_BLOCKS);
+        Self { cuts, blocks: [BlockCuts::OPEN; MAX_BLOCKS], hidden: f32::INFINITY, segments: 1 }
     }
 
     pub(crate) fn clear(&mut self) {
+        self.cuts.clear();
         self.blocks = [BlockCuts::OPEN; MAX_BLOCKS];
         (self.hidden, self.segments) = (f32::INFINITY, 1);
     }
@@ -78,16 +87,14 @@ impl Cuts {
 
     /// The cuts of a block, layer by layer; where a pixel has none its depth is ∞ and α is 0.
     pub(crate) fn layers(&self, block: usize) -> impl Iterator<Item = &Cut> {
-        self.layers[..self.blocks[block].layers].iter().map(move |cuts| &cuts[block])
+        let BlockCuts { first, layers, .. } = self.blocks[block];
+        self.cuts[first..first + layers].iter()
     }
 
     /// The depths at which a segment of a block ends.
     pub(crate) fn depth(&self, segment: usize, block: usize) -> &Plane {
-        if segment < self.blocks[block].layers {
-            &self.layers[segment][block].depth
-        } else {
-            &Cut::NONE.depth
-        }
+        let BlockCuts { first, layers, .. } = self.blocks[block];
+        if segment < layers { &self.cuts[first + segment].depth } else { &Cut::NONE.depth }
     }
 
     pub(crate) fn block(&self, block: usize) -> BlockCuts {
@@ -99,19 +106,18 @@ impl Cuts {
         self.hidden
     }
 
-    /// Adds a layer behind those that a block has.
+    /// Adds a layer behind those that a block has. Blocks come one after the other.
     #[inline(always)]
-    pub(crate) fn push<S: Simd>(&mut self, simd: S, (tile, block): (Tile, usize), mut cut: Cut) {
-        let number = self.blocks[block].layers;
-        if let Some(before) = number.checked_sub(1) {
+    pub(crate) fn push<S: Simd>(&mut self, simd: S, block: usize, mut cut: Cut) {
+        let own = &mut self.blocks[block];
+        if own.layers == 0 {
+            own.first = self.cuts.len();
+        } else if let Some(before) = self.cuts.last() {
             // Means of spans that overlap need not be in order; cuts are.
-            let before = self.layers[before][block].depth.load(simd);
-            cut.depth.store(cut.depth.load(simd).max(before));
+            cut.depth.store(cut.depth.load(simd).max(before.depth.load(simd)));
         }
-        // What other blocks held before is of no meaning.
-        self.layers[number].resize(tile.blocks(), Cut::NONE);
-        self.layers[number][block] = cut;
-        self.blocks[block].layers = number + 1;
+        own.layers += 1;
+        self.cuts.push(cut);
     }
 
     /// Looks at the finished cuts of all blocks. Behind a transmittance of `spent` nothing is seen.

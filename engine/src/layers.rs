@@ -1,4 +1,4 @@
-//! Stage `layers`: the surface records of a tile to cuts, at most four a pixel.
+//! Stage `layers`: the surface records of a tile to cuts, as many as a pixel needs.
 //!
 //! A sample spans the depths from where it is seen to where its plane passes the pixel; a layer takes a pixel's
 //! samples whose span comes within ε + 3σ_z of its first one's. Spans that meet are one surface: that is the
@@ -261,7 +261,7 @@ impl LayerBuilder<'_> {
                 || self.close(simd, (&mut peel, &sums), (&mut seen_through, last), &mut cut),
             );
             if found {
-                cuts.push(simd, (tile, block), cut);
+                cuts.push(simd, block, cut);
             }
             if !goes_on {
                 break;

@@ -3,8 +3,8 @@
 use crate::cloud::Material;
 use glam::DVec3;
 
-/// The most layers a ray keeps; the last takes all that is left.
-const MOST_LAYERS: usize = 4;
+/// The most layers of a ray; the last takes all that is left.
+const MOST_LAYERS: usize = 64;
 
 /// A surfel as a ray meets it.
 #[derive(Clone, Copy)]

@@ -9,6 +9,9 @@
 //! * **R2** leaves the splats as they are and takes many rays a pixel, spread as the low-pass is. It also
 //!   shows what filtering splats one by one costs.
 //!
+//! [`stochastic`] estimates R1's picture by chance, without any order: where the two agree, neither sorts nor
+//! integrates wrongly.
+//!
 //! What they define:
 //! * `Extinction` kernels act as far as 6σ and are not renormalised (e⁻¹⁸ is left out).
 //! * `Opacity` kernels that are alone in a scene are composited whole in the order of their centres'
@@ -19,6 +22,10 @@
 //!   coverage is renormalised for it. A surface is a cut: the volume before it is integrated up to
 //!   exactly its z.
 //! * Harmonics are those of the direction in which a splat's centre is seen, as the rasterizer's.
+//! * Median depth is that of the transmittance along the ray: solved for within a step, at a surface the surface's
+//!   z; where kernels are composited by their centres, z of the one that takes it to a half. R2's is the lower
+//!   median of its rays' medians, infinite ones among them: of opaque things it is where the mean transmittance
+//!   falls to a half.
 //! * Blending in display space filters there too: R2 averages its rays before colours are decoded.
 //!
 //! * Flat splats get a thickness of 1e-6 of their size. Volume kernels shade at their centres, surfaces a
@@ -33,8 +40,10 @@ mod gaussian;
 mod harmonics;
 mod integral;
 mod layers;
+mod random;
 mod shading;
 mod splats;
+mod stochastic;
 mod trace;
 mod view;
 
@@ -49,7 +58,9 @@ use rayon::prelude::*;
 use splats::{Ball, Setup};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use trace::{FirstSurface, Path, Tracer};
-use view::{Block, pixel_rotation, pixel_samples};
+use view::{pixel_rotation, pixel_samples};
+
+pub use stochastic::{Estimate, stochastic};
 
 /// Which reference.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,11 +81,12 @@ const BLOCK: usize = 8;
 struct Pixel {
     color: [f32; 4],
     expected_depth: f32,
+    median_depth: f32,
     first: Option<FirstSurface>,
 }
 
 /// Draws a reference picture: linear premultiplied colour and alpha with the background behind, depth,
-/// normal and id of the first surface, expected depth.
+/// normal and id of the first surface, expected and median depth.
 ///
 /// Uses all of rayon's current threads; the result is the same for any number of them. `settings.footprint`
 /// and `settings.tolerance` have no meaning here. `progress` is called from those threads with the
@@ -101,36 +113,71 @@ pub fn reference(
         ReferenceKind::R2 { samples } => (0.0, Some(pixel_samples(samples, settings.low_pass))),
     };
     let setup = Setup::new(scene, camera, settings, low_pass);
-    let picture = Picture { balls: setup.balls(), normal: NormalDistribution::new(), setup: &setup, samples };
-    let [width, height] = camera.size().map(|side| side as usize);
-    let finished = AtomicUsize::new(0);
-    let strips: Vec<Vec<Vec<Pixel>>> = (0..height.div_ceil(BLOCK))
-        .into_par_iter()
-        .map(|strip| {
-            let low = strip * BLOCK;
-            let high = (low + BLOCK).min(height);
-            let blocks = picture.strip(low, high, width);
-            progress(finished.fetch_add(high - low, Ordering::Relaxed) + high - low);
-            blocks
-        })
-        .collect();
+    let rays = samples.iter().flatten();
+    let picture = Picture::new(&setup, rays.map(|ray| ray.length()).fold(0.0, f64::max));
+    let trace = |tracer: &mut Tracer<'_, '_>, pixel: [usize; 2]| {
+        let center = DVec2::new(pixel[0] as f64, pixel[1] as f64) + 0.5;
+        let ray = setup.view.ray(center);
+        let (path, first) = match &samples {
+            None => tracer.trace(&ray),
+            Some(samples) => {
+                let rotation = pixel_rotation(pixel);
+                let rays = samples.iter().map(|offset| setup.view.ray(center + rotation.rotate(*offset)));
+                (mean(rays.map(|ray| tracer.trace(&ray).0)), tracer.first_surface(&ray))
+            }
+        };
+        finish(&setup, &path, first)
+    };
+    let size = camera.size().map(|side| side as usize);
+    let pixels = picture.pixels(size, &trace, progress);
     let camera_to_world = camera.pose().world_to_camera.matrix3.inverse();
-    Ok(assemble([width, height], strips, camera_to_world))
+    Ok(assemble(size, &pixels, camera_to_world))
 }
 
+/// What all rays of a picture share.
 struct Picture<'s, 'a> {
     setup: &'s Setup<'a>,
     balls: Vec<Ball>,
     normal: NormalDistribution,
-    /// R2's rays as offsets from a pixel's centre; R1 has its one ray.
-    samples: Option<Vec<DVec2>>,
+    /// How far from its centre a pixel has rays, in pixels.
+    margin: f64,
 }
 
-impl Picture<'_, '_> {
-    /// The blocks of the rows from `low` to `high`, from left to right.
-    fn strip(&self, low: usize, high: usize, width: usize) -> Vec<Vec<Pixel>> {
+impl<'s, 'a> Picture<'s, 'a> {
+    fn new(setup: &'s Setup<'a>, margin: f64) -> Self {
+        Self { setup, balls: setup.balls(), normal: NormalDistribution::new(), margin }
+    }
+
+    /// What `trace` makes of each pixel, by rows.
+    fn pixels<T: Send>(
+        &self,
+        [width, height]: [usize; 2],
+        trace: &(dyn Fn(&mut Tracer<'_, 'a>, [usize; 2]) -> T + Sync),
+        progress: &(dyn Fn(usize) + Sync),
+    ) -> Vec<T> {
+        let finished = AtomicUsize::new(0);
+        let strips: Vec<Vec<T>> = (0..height.div_ceil(BLOCK))
+            .into_par_iter()
+            .map(|strip| {
+                let low = strip * BLOCK;
+                let high = (low + BLOCK).min(height);
+                let pixels = self.strip([low, high], width, trace);
+                progress(finished.fetch_add(high - low, Ordering::Relaxed) + high - low);
+                pixels
+            })
+            .collect();
+        strips.into_iter().flatten().collect()
+    }
+
+    /// The pixels of the rows from `low` to `high`.
+    fn strip<T: Send>(
+        &self,
+        [low, high]: [usize; 2],
+        width: usize,
+        trace: &(dyn Fn(&mut Tracer<'_, 'a>, [usize; 2]) -> T + Sync),
+    ) -> Vec<T> {
         let inside = self.inside(&self.balls, 1, [low, high]);
-        (0..width.div_ceil(BLOCK))
+        let blocks: Vec<Vec<T>> = (0..width.div_ceil(BLOCK))
             .into_par_iter()
             .map(|column| {
                 let left = column * BLOCK;
@@ -138,88 +185,81 @@ impl Picture<'_, '_> {
                 let balls = self.inside(&inside, 0, [left, right]);
                 let splats = balls.iter().filter_map(|ball| self.setup.splat(ball.id));
                 let mut tracer = Tracer::new(self.setup, &self.normal, splats);
-                self.block(&mut tracer, Block { low: [left, low], high: [right, high] })
+                let places = (low..high).flat_map(|row| (left..right).map(move |column| [column, row]));
+                places.map(|pixel| trace(&mut tracer, pixel)).collect()
             })
-            .collect()
-    }
-
-    /// The balls that rays between two columns (`axis` 0) or rows can meet.
-    fn inside(&self, balls: &[Ball], axis: usize, edges: [usize; 2]) -> Vec<Ball> {
-        let margin = self.samples.iter().flatten().map(|s| s.length()).fold(0.0, f64::max);
-        let sides = self.setup.view.between(axis, edges[0] as f64 - margin, edges[1] as f64 + margin);
-        let touches = |ball: &&Ball| sides.iter().all(|side| side.touches(ball.center, ball.radius));
-        balls.iter().filter(touches).copied().collect()
-    }
-
-    fn block(&self, tracer: &mut Tracer<'_, '_>, block: Block) -> Vec<Pixel> {
-        let mut pixels = Vec::with_capacity(BLOCK * BLOCK);
-        for row in block.low[1]..block.high[1] {
-            for column in block.low[0]..block.high[0] {
-                let center = DVec2::new(column as f64 + 0.5, row as f64 + 0.5);
-                let ray = self.setup.view.ray(center);
-                let (path, first) = match &self.samples {
-                    None => tracer.trace(&ray),
-                    Some(samples) => {
-                        let rotation = pixel_rotation(column, row);
-                        let mut mean = Path { color: DVec3::ZERO, z: 0.0, transmittance: 0.0 };
-                        for sample in samples {
-                            let ray = self.setup.view.ray(center + rotation.rotate(*sample));
-                            let (path, _) = tracer.trace(&ray);
-                            mean.color += path.color;
-                            mean.z += path.z;
-                            mean.transmittance += path.transmittance;
-                        }
-                        let share = 1.0 / samples.len() as f64;
-                        mean.color *= share;
-                        mean.z *= share;
-                        mean.transmittance *= share;
-                        (mean, tracer.first_surface(&ray))
-                    }
-                };
-                pixels.push(self.finish(&path, first));
+            .collect();
+        // Block by block to row by row.
+        let mut blocks: Vec<_> = blocks.into_iter().map(Vec::into_iter).collect();
+        let mut pixels = Vec::with_capacity(width * (high - low));
+        for _ in low..high {
+            for (column, block) in blocks.iter_mut().enumerate() {
+                pixels.extend(block.take(BLOCK.min(width - column * BLOCK)));
             }
         }
         pixels
     }
 
-    /// Puts the background behind and leaves the space of blending.
-    fn finish(&self, path: &Path, first: Option<FirstSurface>) -> Pixel {
-        let settings = self.setup.settings;
-        let [r, g, b, a] = settings.background;
-        let covered = 1.0 - path.transmittance;
-        let behind = path.transmittance * f64::from(a);
-        let color = path.color + behind * self.setup.encode([r, g, b]);
-        let alpha = covered + behind;
-        let color = match settings.blend {
-            Blend::Linear => color.to_array(),
-            Blend::Display if alpha > 0.0 => {
-                color.to_array().map(|c| alpha * f64::from(srgb_to_linear((c / alpha) as f32)))
-            }
-            Blend::Display => [0.0; 3],
-        };
-        let [r, g, b] = color.map(|c| c as f32);
-        // Below what rounding leaves of the transmittance nothing is seen.
-        let expected_depth = if covered > 1e-12 { (path.z / covered) as f32 } else { f32::INFINITY };
-        Pixel { color: [r, g, b, alpha as f32], expected_depth, first }
+    /// The balls that rays between two columns (`axis` 0) or rows can meet.
+    fn inside(&self, balls: &[Ball], axis: usize, edges: [usize; 2]) -> Vec<Ball> {
+        let [low, high] = [edges[0] as f64 - self.margin, edges[1] as f64 + self.margin];
+        let sides = self.setup.view.between(axis, low, high);
+        let touches = |ball: &&Ball| sides.iter().all(|side| side.touches(ball.center, ball.radius));
+        balls.iter().filter(touches).copied().collect()
     }
 }
 
-fn assemble([width, height]: [usize; 2], strips: Vec<Vec<Vec<Pixel>>>, camera_to_world: DMat3) -> Frame {
+/// The mean of what rays see, and the lower median of their medians.
+fn mean(paths: impl ExactSizeIterator<Item = Path>) -> Path {
+    let share = 1.0 / paths.len() as f64;
+    let mut mean = Path { color: DVec3::ZERO, z: 0.0, transmittance: 0.0, median_z: f64::INFINITY };
+    let add = |path: Path| {
+        mean.color += share * path.color;
+        mean.z += share * path.z;
+        mean.transmittance += share * path.transmittance;
+        path.median_z
+    };
+    let mut medians: Vec<f64> = paths.map(add).collect();
+    let middle = medians.len().saturating_sub(1) / 2;
+    mean.median_z = *medians.select_nth_unstable_by(middle, f64::total_cmp).1;
+    mean
+}
+
+/// Premultiplied colours from the space of blending.
+fn decode(blend: Blend, [red, green, blue, alpha]: [f64; 4]) -> [f64; 4] {
+    let [red, green, blue] = [red, green, blue].map(|c| match blend {
+        Blend::Linear => c,
+        Blend::Display if alpha > 0.0 => alpha * f64::from(srgb_to_linear((c / alpha) as f32)),
+        Blend::Display => 0.0,
+    });
+    [red, green, blue, alpha]
+}
+
+/// Puts the background behind and leaves the space of blending.
+fn finish(setup: &Setup<'_>, path: &Path, first: Option<FirstSurface>) -> Pixel {
+    let covered = 1.0 - path.transmittance;
+    let color = path.color.extend(covered) + path.transmittance * setup.background();
+    // Below what rounding leaves of the transmittance nothing is seen.
+    let expected_depth = if covered > 1e-12 { (path.z / covered) as f32 } else { f32::INFINITY };
+    Pixel {
+        color: decode(setup.settings.blend, color.to_array()).map(|c| c as f32),
+        expected_depth,
+        median_depth: path.median_z as f32,
+        first,
+    }
+}
+
+fn assemble([width, height]: [usize; 2], pixels: &[Pixel], camera_to_world: DMat3) -> Frame {
     let mut frame = Frame::new(width, height);
-    for (strip, blocks) in strips.into_iter().enumerate() {
-        for (column, pixels) in blocks.into_iter().enumerate() {
-            let across = BLOCK.min(width - column * BLOCK);
-            for (i, pixel) in pixels.into_iter().enumerate() {
-                let at = (strip * BLOCK + i / across) * width + column * BLOCK + i % across;
-                frame.color[at] = pixel.color;
-                frame.expected_depth[at] = pixel.expected_depth;
-                if let Some(first) = pixel.first {
-                    frame.depth[at] = first.z as f32;
-                    frame.id[at] = first.id;
-                    let normal = (camera_to_world * first.normal).normalize_or_zero();
-                    frame.normal[at] = normal.as_vec3().to_array();
-                }
-            }
+    for (at, pixel) in pixels.iter().enumerate() {
+        frame.color[at] = pixel.color;
+        frame.expected_depth[at] = pixel.expected_depth;
+        frame.median_depth[at] = pixel.median_depth;
+        if let Some(first) = pixel.first {
+            frame.depth[at] = first.z as f32;
+            frame.id[at] = first.id;
+            let normal = (camera_to_world * first.normal).normalize_or_zero();
+            frame.normal[at] = normal.as_vec3().to_array();
         }
     }
     frame

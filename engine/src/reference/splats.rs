@@ -10,7 +10,7 @@ use crate::cloud::{Cloud, OpacityFilter};
 use crate::color::{linear_to_srgb, srgb_to_linear};
 use crate::columns::Kind;
 use crate::scene::{Blend, RenderSettings, Scene};
-use glam::{DAffine3, DMat3, DVec3};
+use glam::{DAffine3, DMat3, DVec3, DVec4};
 use rayon::prelude::*;
 
 /// Volume kernels end at this squared Mahalanobis distance: e^{-18} of their density.
@@ -130,6 +130,12 @@ impl<'a> Setup<'a> {
             Blend::Linear => color.map(f64::from),
             Blend::Display => color.map(|c| f64::from(linear_to_srgb(c))),
         })
+    }
+
+    /// Premultiplied, in the space of blending.
+    pub(super) fn background(&self) -> DVec4 {
+        let [red, green, blue, alpha] = self.settings.background;
+        f64::from(alpha) * self.encode([red, green, blue]).extend(1.0)
     }
 
     /// A splat's colour as it is seen, in the space of blending.

@@ -4,6 +4,7 @@ use super::integral::{Fragment, March, NormalDistribution, OPAQUE, STEPS_PER_SIG
 use super::layers::{Layer, Sample, layers};
 use super::shading::Spot;
 use super::splats::{Kernel, Setup, Splat, Surfel};
+use super::stochastic::Chance;
 use super::view::Ray;
 use glam::DVec3;
 
@@ -14,11 +15,13 @@ pub(super) struct Path {
     /// Depths times their contributions.
     pub(super) z: f64,
     pub(super) transmittance: f64,
+    /// z at which the transmittance has fallen to a half; infinity before it has.
+    pub(super) median_z: f64,
 }
 
 impl Path {
     pub(super) fn new() -> Self {
-        Self { color: DVec3::ZERO, z: 0.0, transmittance: 1.0 }
+        Self { color: DVec3::ZERO, z: 0.0, transmittance: 1.0, median_z: f64::INFINITY }
     }
 
     /// Puts something flat behind all that is there.
@@ -27,6 +30,9 @@ impl Path {
         self.color += contribution * color;
         self.z += contribution * z;
         self.transmittance *= 1.0 - alpha;
+        if self.transmittance <= 0.5 && self.median_z == f64::INFINITY {
+            self.median_z = z;
+        }
     }
 }
 
@@ -94,6 +100,19 @@ impl<'s, 'a> Tracer<'s, 'a> {
         }
         march.advance(f64::INFINITY, &mut path);
         (path, first)
+    }
+
+    /// All that a ray may hit.
+    pub(super) fn chances(&mut self, ray: &Ray) -> Vec<Chance> {
+        self.take_samples(ray);
+        let (setup, near) = (self.setup, self.setup.view.near);
+        let of_kernel = |kernel: &Kernel| {
+            let center = setup.by_centers.then_some(kernel.distance);
+            Some(Chance::of_kernel(&kernel.fragment(ray)?, near, center))
+        };
+        let of_layer = |layer: Layer<'_>| Chance::of_layer(layer.alpha, layer.z, shaded(setup, &layer, ray));
+        let kernels = self.kernels.iter().filter_map(of_kernel);
+        kernels.chain(layers(&mut self.samples).map(of_layer)).collect()
     }
 
     /// The first surface of a ray.

@@ -1,5 +1,6 @@
 //! Rays of a camera, and what a block of pixels can see.
 
+use super::random::Random;
 use crate::camera::{Camera, Projection};
 use glam::{DVec2, DVec3};
 
@@ -15,13 +16,6 @@ impl Ray {
     pub(super) fn at(&self, z: f64) -> DVec3 {
         self.origin + z * self.direction
     }
-}
-
-/// A rectangle of the picture in pixels, its upper bounds excluded.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Block {
-    pub(super) low: [usize; 2],
-    pub(super) high: [usize; 2],
 }
 
 /// Points with `normal · p + offset ≥ 0`; the normal has length 1.
@@ -121,14 +115,10 @@ pub(super) fn pixel_samples(count: u32, low_pass: f64) -> Vec<DVec2> {
         .collect()
 }
 
-/// A rotation that looks random from pixel to pixel and is the same in every run: SplitMix64's finaliser
-/// (Steele, Lea, Flood, *Fast Splittable Pseudorandom Number Generators*, 2014) as an angle.
-pub(super) fn pixel_rotation(column: usize, row: usize) -> DVec2 {
-    let mut bits = ((row as u64) << 32 | column as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
-    bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    bits ^= bits >> 31;
-    DVec2::from_angle((bits >> 11) as f64 * (std::f64::consts::TAU / (1u64 << 53) as f64))
+/// A rotation that looks random from pixel to pixel and is the same in every run.
+pub(super) fn pixel_rotation([column, row]: [usize; 2]) -> DVec2 {
+    let mut random = Random::new((row as u64) << 32 | column as u64);
+    DVec2::from_angle(std::f64::consts::TAU * random.uniform())
 }
 
 #[cfg(test)]

@@ -10,6 +10,9 @@ use crate::order::Keys;
 use crate::scene::{FootprintForm, Order};
 use glam::{DAffine3, DMat3, DVec2, DVec3, Mat3, Vec3};
 
+/// Layers that a pixel may have.
+const MOST_LAYERS: usize = 64;
+
 /// A footprint at one pixel.
 struct Hit {
     r: f64,
@@ -181,13 +184,14 @@ impl<'a> Specification<'a> {
         Some(samples)
     }
 
-    /// Near to far: each takes the samples whose spans come within its first one's limit, the fourth all that is left.
+    /// Near to far: each takes the samples whose spans come within its first one's limit, the last one that a pixel may
+    /// have all that is left.
     fn cuts(&self, pixel: [usize; 2]) -> Option<Vec<SpecifiedCut>> {
         let mut left = self.samples(pixel)?;
         let mut cuts: Vec<SpecifiedCut> = Vec::new();
         let (mut bare, mut covered) = (1.0, 0.0);
-        while !left.is_empty() && cuts.len() < 4 && bare + covered > self.spent() {
-            let last = cuts.len() == 3;
+        while !left.is_empty() && cuts.len() < MOST_LAYERS && bare + covered > self.spent() {
+            let last = cuts.len() + 1 == MOST_LAYERS;
             let first = left.iter().copied().reduce(|a, b| if b.z < a.z { b } else { a })?;
             let limit = first.farthest + first.tolerance;
             let is_close = |z: f64, to: f64| (z - to).abs() <= 4e-6 * z.abs();
@@ -356,6 +360,7 @@ fn pictures_are_what_is_specified() {
     let opaque = || sheet(1.0, 35.0, 0.2);
     let two = || [sheet(0.5, -20.0, -0.4), opaque()];
     let [affine, exact] = [FootprintForm::Affine, FootprintForm::Exact];
+    let twelve: Vec<Cloud> = (0..12).map(|i| sheet(0.3, 25.0, 0.15 * f64::from(i) - 0.8)).collect();
     let with = |cloud: Cloud, sheets: &[Cloud]| [&[cloud], sheets].concat();
     let mut cases: Vec<(&str, Vec<Cloud>, Camera, RenderSettings)> = Vec::new();
     for footprint in [affine, exact] {
@@ -381,6 +386,8 @@ fn pictures_are_what_is_specified() {
             ("fog with two sheets", with(fog(0.02), &two()), perspective, fine),
             ("fog with two sheets, parallel", with(fog(0.02), &two()), parallel, fine),
             ("thick fog with two sheets", with(fog(1.0), &two()), perspective, fine),
+            ("twelve sheets", twelve.clone(), perspective, fine),
+            ("fog with twelve sheets", with(fog(0.002), &twelve), perspective, fine),
             ("trained with a sheet far behind", with(trained(), &[sheet(1.0, 0.0, 3.0)]), perspective, usual),
             ("trained with two sheets", with(trained(), &two()), perspective, usual),
         ]);

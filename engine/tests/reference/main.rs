@@ -14,6 +14,7 @@ use oblate_engine::{
 use std::f64::consts::TAU;
 use std::sync::Mutex;
 
+mod depths;
 mod harmonics;
 mod pictures;
 mod surfaces;

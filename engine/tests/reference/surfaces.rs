@@ -75,18 +75,38 @@ fn layers_blend_front_to_back_with_fog_between() {
     assert!(frame.id[at] as usize > 25 * 25);
 }
 
+/// Sheets 3 apart from z = 10 on, the nearest with number 0; what is red in them is their number.
+fn stack(count: usize, opacity: f32) -> Vec<Cloud> {
+    let sheet = |i| plane(Vec3::Z * (10.0 + 3.0 * i as f32), Vec3::NEG_Z, 10, opacity, [i as f32, 1.0, 0.0]);
+    (0..count).map(sheet).collect()
+}
+
 #[test]
-fn the_fifth_layer_merges_into_the_fourth() {
-    let sheets: Vec<Cloud> = (0..6)
-        .map(|i| plane(Vec3::Z * (10.0 + 3.0 * i as f32), Vec3::NEG_Z, 10, 0.2, [i as f32, 1.0, 0.0]))
-        .collect();
+fn twelve_layers_are_composited_one_by_one() {
+    // Far ones first: the order in a scene has no meaning.
+    let mut sheets = stack(12, 0.3);
+    sheets.reverse();
     let frame = draw(sheets, &orthographic(4.0, 1), &unlit(0.0));
-    let (alpha, rest) = (0.2, 0.8f64);
-    // Sheets 3, 4 and 5 are one layer of the mean colour 4 that counts as 3/0.99 sheets.
-    let last = 1.0 - rest.powf(3.0 / 0.99);
-    let red = alpha * (rest + 2.0 * rest * rest) + rest.powi(3) * last * 4.0;
+    let (mut red, mut through) = (0.0, 1.0);
+    for i in 0..12 {
+        red += through * 0.3 * f64::from(i);
+        through *= 0.7;
+    }
+    // f32's 0.3 and coverage that ripples by 1.3e-5.
     close(f64::from(frame.color[0][0]), red, 1e-4);
-    close(f64::from(frame.color[0][3]), 1.0 - rest.powi(3) * (1.0 - last), 1e-4);
+    close(f64::from(frame.color[0][1]), 1.0 - through, 3e-5);
+    close(f64::from(frame.color[0][3]), 1.0 - through, 3e-5);
+}
+
+#[test]
+fn the_last_of_64_layers_takes_the_rest() {
+    let frame = draw(stack(66, 0.02), &orthographic(4.0, 1), &unlit(0.0));
+    let rest = 0.98f64;
+    // Sheets 63, 64 and 65 are one layer of the mean colour 64 that counts as 3/0.99 sheets.
+    let last = 1.0 - rest.powf(3.0 / 0.99);
+    let before: f64 = (0..63).map(|i| 0.02 * rest.powi(i) * f64::from(i)).sum();
+    close(f64::from(frame.color[0][0]), before + rest.powi(63) * last * 64.0, 1e-3);
+    close(f64::from(frame.color[0][3]), 1.0 - rest.powi(63) * (1.0 - last), 3e-5);
 }
 
 #[test]

@@ -1,0 +1,94 @@
+//! Many translucent surfaces, one behind the other.
+
+#![allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
+
+mod scenes;
+
+use glam::DVec3;
+use oblate_engine::{Camera, Cloud, Frame, Pose, ReferenceKind, RenderSettings, Scene, Strength, reference};
+use scenes::*;
+
+const COUNT: usize = 12;
+const OPACITY: f32 = 0.3;
+
+/// Colours that no two sheets share.
+fn color(sheet: usize) -> [f32; 3] {
+    [sheet as f32 / 11.0, (sheet * 5 % COUNT) as f32 / 11.0, (sheet * 7 % COUNT) as f32 / 11.0]
+}
+
+/// Sheets that face −z, a distance apart, the first one nearest. In a scene far ones come among near ones.
+fn stack(count: usize, opacity: f32, distance: f64) -> Vec<Cloud> {
+    let sheet = |i: usize| {
+        let mut splats = plane(50, 0.05, color(i)).splats();
+        if let Strength::Surface(surface) = &mut splats.strength {
+            surface.opacities = Some(vec![opacity; splats.centers.len()]);
+        }
+        let middle = (count as f64 - 1.0) / 2.0;
+        let shift = DVec3::Z * ((i as f64 - middle) * distance);
+        Cloud::new(splats).unwrap().transformed(tilted(0.0, shift))
+    };
+    (0..count).map(|i| sheet(i * 5 % count)).collect()
+}
+
+fn largest_error(a: &Frame, b: &Frame) -> f32 {
+    let channels = |frame: &Frame| frame.color.clone().into_iter().flatten();
+    channels(a).zip(channels(b)).map(|(p, q)| (p - q).abs()).fold(0.0, f32::max)
+}
+
+fn r1(clouds: &[Cloud], camera: &Camera, settings: &RenderSettings) -> Frame {
+    let scene = Scene { clouds: clouds.to_vec(), lights: Vec::new() };
+    reference(&scene, camera, settings, ReferenceKind::R1, &|_| ()).unwrap()
+}
+
+#[test]
+fn twelve_sheets_are_composited_one_by_one() {
+    let background = [0.2, 0.9, 0.4, 1.0];
+    let settings = RenderSettings { background, ..unshaded() };
+    // All of the picture within all of the sheets.
+    let camera = camera(3.6, 24);
+    let sheets = stack(COUNT, OPACITY, 0.12);
+    let frame = draw(sheets.clone(), &camera, &settings);
+    let (mut expected, mut through) = ([0.0; 3], 1.0);
+    for i in 0..COUNT {
+        let shown = through * f64::from(OPACITY);
+        expected = std::array::from_fn(|c| expected[c] + shown * f64::from(color(i)[c]));
+        through -= shown;
+    }
+    expected = std::array::from_fn(|c| expected[c] + through * f64::from(background[c]));
+    for pixel in &frame.color {
+        for (value, expected) in pixel.iter().zip(expected.into_iter().chain([1.0])) {
+            // A mean over a layer is right to 2e-5, a pixel is a mean of layers.
+            assert!((f64::from(*value) - expected).abs() < 2e-5, "{pixel:?}, not {expected:?}");
+        }
+    }
+    assert!(largest_error(&frame, &r1(&sheets, &camera, &settings)) < 3e-5);
+}
+
+#[test]
+fn twelve_sheets_in_thin_fog_are_r1s() {
+    // Sheets are as far apart as kernels are: each kernel reaches through half of them.
+    let mut clouds = stack(COUNT, OPACITY, 0.15);
+    clouds.push(fog([14; 3], DVec3::splat(0.15), 0.3, [0.3, 0.5, 0.9]));
+    let pose = Pose::look_at(DVec3::new(1.5, 1.0, -4.0), DVec3::ZERO, DVec3::Y).unwrap();
+    for camera in
+        [Camera::perspective(pose, 0.5, [32; 2]).unwrap(), Camera::orthographic(pose, 2.0, [32; 2]).unwrap()]
+    {
+        let frame = draw(clouds.clone(), &camera, &unshaded());
+        let error = largest_error(&frame, &r1(&clouds, &camera, &unshaded()));
+        println!("largest error {error}");
+        assert!(error <= 1.0 / 255.0, "{error}");
+    }
+}
+
+#[test]
+fn beyond_64_layers_the_last_takes_the_rest() {
+    // 67 layers of which 64 are kept; a quarter of the light passes them all.
+    let sheets = stack(67, 0.02, 0.05);
+    let pose = Pose::look_at(DVec3::Z * -5.0, DVec3::ZERO, DVec3::Y).unwrap();
+    let camera = Camera::orthographic(pose, 2.0, [8; 2]).unwrap();
+    let frame = draw(sheets.clone(), &camera, &unshaded());
+    assert!(largest_error(&frame, &r1(&sheets, &camera, &unshaded())) < 3e-5);
+    // The last one counts as as many sheets as it covers the pixel times, 4 times 1/0.98: 0.02 · 0.08 · 0.98⁶⁷ more.
+    let alpha = f64::from(frame.color[27][3]);
+    assert!((alpha - (1.0 - 0.98f64.powi(67))).abs() < 1e-3, "{alpha}");
+}
