@@ -56,14 +56,18 @@ fn slabs_of_any_thickness_up_to_two_are_the_integral() {
     let clouds = [haze(8, 0.25, 1.0).transformed(tilted(10.0, DVec3::new(0.123, 0.057, 0.0)))];
     let camera = looking_from(DVec3::new(1.0, 2.0, -20.0), 24);
     let r1 = truth(&clouds, &camera, &ordered(SLABS));
+    let mut wrong = Vec::new();
     for thickness in [0.1, 0.2, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0] {
         for footprint in [FootprintForm::Affine, FootprintForm::Auto, FootprintForm::Exact] {
             let settings = RenderSettings { footprint, ..ordered(Order::Slabs { thickness }) };
             let found = apart(&draw(clouds.to_vec(), &camera, &settings), &r1).max_error;
             println!("slabs of {thickness}, {footprint:?}: {found:.5}");
-            assert!(found <= LEVEL, "slabs of {thickness}, {footprint:?}: {found}");
+            if found > LEVEL {
+                wrong.push(format!("{thickness}, {footprint:?}: {found:.4}"));
+            }
         }
     }
+    assert!(wrong.is_empty(), "slabs of {wrong:?}");
 }
 
 /// Extinction kernels in a ball of radius 1 whose half-axes are log-normal, each by itself: median 0.1, 0.6 in the
