@@ -341,6 +341,7 @@ impl LightTable {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use oblate::engine::Order;
 
     fn problem(text: &str) -> String {
         let Err(problem) = parse(text, Path::new("folder")) else { panic!("{text} passed") };
@@ -352,10 +353,11 @@ mod tests {
         let text = "version = 1\n[camera]\neye = [1, -2.5, 3]\n[[mesh]]\npath = 'a.glb'\nscale = 2\n\
                     rotate = [0, 0, 90]\ntranslate = [10, 0, 0]\n[[volume]]\npath = 'v.raw'\ndims = [2, 3, 4]\n\
                     type = 'u16'\nendian = 'big'\niso = [3]\n[[light]]\nkind = 'ambient'\nintensity = 0.5\n\
-                    [render]\nlow-pass = 0.5\nbackground = '#ffffff00'\nfootprint = 'exact'\n";
+                    [render]\nlow-pass = 0.5\norder = 'slabs'\nslab-thickness = 0.5\nbackground = '#ffffff00'\nfootprint = 'exact'\n";
         let scene = parse(text, Path::new("folder")).map_err(|p| p.message).unwrap();
         assert_eq!(scene.camera.eye, Some([1.0, -2.5, 3.0]));
         assert_eq!(scene.picture.low_pass, Some(0.5));
+        assert_eq!(scene.picture.order(), Order::Slabs { thickness: 0.5 });
         assert_eq!(scene.sources.len(), 2);
         assert_eq!(scene.sources[0].file.dims, Some([2, 3, 4]));
         let mesh = &scene.sources[1];

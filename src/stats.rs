@@ -79,7 +79,10 @@ pub(crate) struct Stats {
     pub(crate) visible: Option<u64>,
     /// Pixels that were evaluated, summed over the splats; null when a reference drew it.
     pub(crate) fragments: Option<u64>,
-    /// The least time in which that many can be blended one by one: 32 bytes each, read and written back in the
+    /// Those of kernels that came too late for the window of `--order per-pixel`, after one that lies behind them; 0 in
+    /// other orders, null when a reference drew it.
+    pub(crate) late: Option<u64>,
+    /// The least time in which so many fragments can be blended one by one: 32 bytes each, read and written back in the
     /// first-level cache on all threads, measured here. A yardstick: pixels stay in registers while many splats are
     /// blended. Null when a reference drew it.
     pub(crate) store_bound_ms: Option<f64>,

@@ -199,6 +199,7 @@ fn summary(scene: &Scene, times: &[FrameTimes], by_reference: bool) -> Stats {
         splats: scene.clouds.iter().map(|cloud| cloud.len() as u64).sum(),
         visible: counts.map(|c| c.visible),
         fragments: counts.map(|c| c.fragments),
+        late: counts.map(|c| c.late),
         store_bound_ms: counts.map(|c| round_micro(store_bound_ms(c.fragments))),
         threads: rayon::current_num_threads(),
         frame_ms: of(|t, _| t.frame_ms, 0),

@@ -1,0 +1,105 @@
+//! Surfaces, volumes and splats in one another, each scene within a level of R1 but for one-pixel edges.
+
+use super::scenes::{looking_from, plane, sphere, tilted};
+use super::*;
+use oblate_engine::Pose;
+
+/// Depths of neighbours that differ by more pixel widths than this are an edge: a slope of 83°.
+const STEEP: f64 = 8.0;
+
+fn view() -> Camera {
+    looking_from(DVec3::new(2.5, 2.0, -4.5), 40)
+}
+
+fn moved(cloud: &Cloud, x: f64, y: f64, z: f64) -> Cloud {
+    cloud.clone().transformed(tilted(0.0, DVec3::new(x, y, z)))
+}
+
+/// Pixels in whose 3×3 neighbourhood the first surface is of one cloud and its depth goes on.
+fn smooth(frame: &Frame, clouds: &[Cloud], camera: &Camera) -> Vec<usize> {
+    let cloud_of = |id: u32| {
+        let mut left = id as usize;
+        clouds.iter().position(|cloud| left.checked_sub(cloud.len()).map(|rest| left = rest).is_none())
+    };
+    let goes_on = |place: usize, other: usize| {
+        let [a, b] = [place, other].map(|i| (cloud_of(frame.id[i]), f64::from(frame.depth[i])));
+        a.0 == b.0 && (a.0.is_none() || (a.1 - b.1).abs() <= STEEP * camera.pixel_width_at(a.1))
+    };
+    let neighbours = |place: usize| {
+        let [x, y] = [place % frame.width, place / frame.width];
+        let rows = y.saturating_sub(1)..(y + 2).min(frame.height);
+        rows.flat_map(move |v| (x.saturating_sub(1)..(x + 2).min(frame.width)).map(move |u| (u, v)))
+    };
+    let inside = |place: &usize| neighbours(*place).all(|(u, v)| goes_on(*place, v * frame.width + u));
+    (0..frame.color.len()).filter(inside).collect()
+}
+
+fn check(name: &str, clouds: &[Cloud], camera: &Camera) {
+    let r1 = truth(clouds, camera, &ordered(SLABS));
+    let places = smooth(&r1, clouds, camera);
+    let seen = places.iter().filter(|i| r1.color[**i][3] > 0.1).count();
+    assert!(
+        seen > 400 && places.len() > r1.color.len() * 6 / 10,
+        "{name}: {seen} of {} are seen",
+        places.len()
+    );
+    for order in GENERAL {
+        // Less than a level: a kernel of opacity ends where it falls below the tolerance, and several end in a pixel.
+        let settings = RenderSettings { tolerance: LEVEL / 8.0, ..ordered(order) };
+        let frame = draw(clouds.to_vec(), camera, &settings);
+        let found = apart_at(&places, &frame, &r1);
+        println!(
+            "{name}, {order:?}: {:.1} dB, 99.9 % {:.5}, largest {:.5}, mean {:.6}",
+            found.psnr_db, found.p999_error, found.max_error, found.mean_error
+        );
+        assert!(order != SLABS || found.max_error <= LEVEL, "{name}: {found:?}");
+    }
+}
+
+#[test]
+fn an_opaque_mesh_in_fog() {
+    check("opaque mesh in fog", &[haze(13, 0.19, 0.8), sphere(2000, 0.7, [0.9, 0.4, 0.1])], &view());
+}
+
+#[test]
+fn a_translucent_quad_between_splats() {
+    let mut quad = plane(26, 0.06, [0.9, 0.8, 0.2]).splats();
+    let Strength::Surface(surface) = &mut quad.strength else { unreachable!() };
+    surface.opacities = Some(vec![0.5; surface.areas.len()]);
+    let quad = Cloud::new(quad).unwrap().transformed(tilted(25.0, DVec3::ZERO));
+    check("translucent quad between splats", &[trained(), quad], &view());
+}
+
+#[test]
+fn an_ear_in_front_of_a_body() {
+    // Surfels of the body have a radius of 0.04, so 0.1 is well beyond the tolerance of its depth.
+    let towards = DVec3::new(2.5, 2.0, -4.5).normalize() * (0.7 + 0.1 + 0.2);
+    let ear = moved(&sphere(600, 0.2, [0.1, 0.5, 0.9]), towards.x, towards.y, towards.z);
+    let body = sphere(3000, 0.7, [0.9, 0.6, 0.5]);
+    check("ear in front of a body", &[haze(13, 0.19, 0.8), body, ear], &view());
+}
+
+#[test]
+fn a_splat_cloud_inside_a_volume() {
+    check("cloud inside a volume", &[haze(13, 0.19, 0.6), trained()], &view());
+}
+
+#[test]
+fn two_overlapping_volumes() {
+    let other = painted(&haze(12, 0.17, 0.8), |p| [0.8, 0.5 + 0.3 * p.x, 0.1])
+        .transformed(tilted(35.0, DVec3::new(0.6, 0.2, 0.4)));
+    check("two overlapping volumes", &[moved(&haze(12, 0.19, 0.8), -0.4, 0.0, 0.0), other], &view());
+}
+
+#[test]
+fn the_camera_inside_all() {
+    let pose = Pose::look_at(DVec3::new(0.3, 0.25, -0.9), DVec3::ZERO, DVec3::Y).unwrap();
+    let camera = Camera::perspective(pose, 1.0, [32; 2]).unwrap();
+    let ball = moved(&sphere(1500, 0.4, [0.9, 0.4, 0.1]), -0.1, -0.1, 0.3);
+    let other = painted(&haze(9, 0.25, 0.4), |p| [0.8, 0.5 + 0.3 * p.x, 0.1]);
+    check(
+        "camera inside all",
+        &[haze(13, 0.19, 0.6), ball, moved(&other, 0.3, 0.0, -0.2), trained()],
+        &camera,
+    );
+}

@@ -1,0 +1,146 @@
+//! Kernels in the same place: how they add up, and that nobody has to be first.
+
+use super::*;
+use oblate_engine::Pose;
+
+/// The optical depth of the thin layers of fog: an opacity of 0.0039.
+const THIN: f64 = 0.003_907_624;
+
+/// A camera with parallel rays along +z and pixels of the width 0.1; the middle of the picture is at the origin.
+fn parallel(size: u32) -> Camera {
+    let pose = Pose::look_at(DVec3::NEG_Z * 20.0, DVec3::ZERO, DVec3::Y).unwrap();
+    Camera::orthographic(pose, 0.1 * f64::from(size), [size; 2]).unwrap()
+}
+
+/// Two round kernels of σ = 1, `apart` of each other along a line that is oblique to the view.
+fn pair(apart: f32, depth: f32) -> Cloud {
+    let towards = Vec3::new(0.5, 0.2, 1.0).normalize() * apart;
+    let masses = vec![mass_of(depth, Mat3::IDENTITY), mass_of(depth, Mat3::IDENTITY)];
+    let colors = vec![[1.0, 0.2, 0.0], [0.0, 0.3, 1.0]];
+    splats(
+        vec![towards * -0.5, towards * 0.5],
+        vec![Mat3::IDENTITY; 2],
+        Strength::Extinction { masses },
+        colors,
+    )
+}
+
+/// The same splats in another order.
+fn reversed(cloud: &Cloud) -> Cloud {
+    let mut splats = cloud.splats();
+    splats.centers.reverse();
+    splats.colors.reverse();
+    match &mut splats.shapes {
+        Shapes::Each(factors) => factors.reverse(),
+        Shapes::Shared(_) => (),
+    }
+    match &mut splats.strength {
+        Strength::Extinction { masses } => masses.reverse(),
+        Strength::Opacity { peaks, .. } => peaks.reverse(),
+        Strength::Surface(_) => unreachable!(),
+    }
+    Cloud::new(splats).unwrap().transformed(cloud.cloud_to_world())
+}
+
+#[test]
+fn interpenetrating_kernels_are_the_integral_in_thin_slabs() {
+    let eye = DVec3::new(1.0, 2.0, -20.0);
+    let camera = scenes::looking_from(eye, 24);
+    let mut worst = [0.0_f64; 4];
+    for apart_by in [0.0, 0.25, 0.5, 1.0, 2.0, 3.0] {
+        for depth in [0.1, 0.5, 1.0, 2.0, 4.0] {
+            let clouds = vec![pair(apart_by, depth)];
+            let thin = Order::Slabs { thickness: 0.4 };
+            let r1 = truth(&clouds, &camera, &nothing_but(thin));
+            let orders = [Order::Centers, Order::PerPixel, SLABS, thin];
+            for (worst, order) in worst.iter_mut().zip(orders) {
+                *worst = worst.max(apart(&draw(clouds.clone(), &camera, &nothing_but(order)), &r1).max_error);
+            }
+        }
+    }
+    println!(
+        "largest error: centers {:.4}, per pixel {:.4}, slabs of 2 {:.4}, of 0.4 {:.5}",
+        worst[0], worst[1], worst[2], worst[3]
+    );
+    assert!(worst[3] <= LEVEL, "{}", worst[3]);
+    assert!(worst[0] > 10.0 * LEVEL, "whole kernels are right: {}", worst[0]);
+}
+
+#[test]
+fn the_order_of_input_changes_nothing() {
+    let camera = scenes::looking_from(DVec3::new(1.0, 2.0, -20.0), 24);
+    let slabs = [2.0, 0.4].map(|thickness| Order::Slabs { thickness });
+    let orders = [Order::Centers, Order::PerPixel, SHEETS, slabs[0], slabs[1]];
+    let check = |name: &str, cloud: &Cloud, orders: &[Order]| {
+        for order in orders {
+            let frames =
+                [cloud.clone(), reversed(cloud)].map(|cloud| draw(vec![cloud], &camera, &ordered(*order)));
+            let found = apart(&frames[0], &frames[1]).max_error;
+            println!("{name}, {order:?}: {found:e}");
+            // Sums in another order are rounded differently; what is sorted has one order.
+            let rounding =
+                if matches!(order, Order::Slabs { .. } | Order::AxisSheets { .. }) { 1e-6 } else { 0.0 };
+            assert!(found <= rounding, "{name}, {order:?}: {found}");
+        }
+    };
+    for apart_by in [0.5, 1.0, 3.0] {
+        for depth in [0.1, 4.0] {
+            check(&format!("{apart_by} apart, optical depth {depth}"), &pair(apart_by, depth), &GENERAL);
+        }
+    }
+    // In one place nobody is first, and only what needs no order can do without.
+    check("one place", &pair(0.0, 2.0), &slabs);
+    check("trained kernels", &trained(), &GENERAL);
+    // A lattice that nothing is symmetric to: kernels at one distance are for none to put in order.
+    let shifted = haze(8, 0.25, 1.0).transformed(scenes::tilted(10.0, DVec3::new(0.123, 0.057, 0.0)));
+    check("haze", &shifted, &orders);
+}
+
+#[test]
+fn layers_of_thin_fog_add_up() {
+    // Discs of σ = 1, ten pixels, that the filter widens.
+    let camera = parallel(4);
+    let variance = 1.0 + 0.3 * 0.1 * 0.1;
+    for count in [10, 32, 100, 320, 1000] {
+        let mass = (THIN * std::f64::consts::TAU * variance) as f32;
+        let centers = (0..count).map(|i| Vec3::Z * 0.003 * i as f32).collect();
+        let layers = kernels_of(centers, mass);
+        for order in GENERAL.into_iter().chain([SHEETS]) {
+            let frame = draw(vec![layers.clone()], &camera, &ordered(order));
+            let worst = (0..16).map(|i| {
+                let [x, y] = [i % 4, i / 4].map(|k| (f64::from(k) - 1.5) * 0.1);
+                let depth = f64::from(count) * THIN * (-0.5 * (x * x + y * y) / variance).exp();
+                (1.0 - f64::from(frame.color[i as usize][3]) - (-depth).exp()).abs()
+            });
+            let worst = worst.fold(0.0, f64::max);
+            println!("{count} layers, {order:?}: {worst:.6}");
+            // What the cut-off's renormalisation adds, 0.22 % of the optical depth, is 8e-4 at most.
+            assert!(worst <= 1e-3, "{count} layers, {order:?}: {worst}");
+        }
+    }
+}
+
+/// Round kernels of σ = 1.
+fn kernels_of(centers: Vec<Vec3>, mass: f32) -> Cloud {
+    scenes::kernels(centers, Mat3::IDENTITY, mass, [0.9, 0.6, 0.3])
+}
+
+#[test]
+fn a_kernel_may_be_split() {
+    // Beside another one that it goes through.
+    let camera = parallel(24);
+    let other = kernels_of(vec![Vec3::new(0.5, 0.3, 0.8)], mass_of(1.5, Mat3::IDENTITY));
+    for order in GENERAL.into_iter().chain([SHEETS]) {
+        let split = |count: usize| {
+            let mass = mass_of(2.0, Mat3::IDENTITY) / count as f32;
+            let parts = painted(&kernels_of(vec![Vec3::ZERO; count], mass), |_| [0.1, 0.2, 0.9]);
+            draw(vec![parts, other.clone()], &camera, &ordered(order))
+        };
+        let whole = split(1);
+        for count in [2, 7, 100] {
+            let found = apart(&split(count), &whole).max_error;
+            println!("{order:?}, {count} parts: {found:e}");
+            assert!(found <= LEVEL, "{order:?}, {count} parts: {found}");
+        }
+    }
+}
