@@ -11,8 +11,8 @@
 
 use crate::camera::{Camera, Projection};
 use crate::cloud::Cloud;
-use crate::columns::{Columns, Factors, Kind};
-use crate::footprint::{CameraSplat, Footprint, Lens};
+use crate::columns::{Factors, Kind};
+use crate::footprint::Lens;
 use crate::scene::{Baseline, Order, RenderSettings, Scene};
 use crate::simd::*;
 use crate::validate::SceneError;
@@ -59,13 +59,13 @@ pub(crate) struct Distances<F> {
 }
 
 /// How a kernel is spread over slabs.
-pub(crate) struct Spread<F, M> {
-    /// 1 over the width of the box, or over σ of the normal distribution, in world units.
+pub(crate) struct Spread<F> {
+    /// 1/σ in world units.
     pub(crate) inverse: F,
     /// How far it reaches to either side, in world units.
     pub(crate) half: F,
-    /// Whether it is a box.
-    pub(crate) is_box: M,
+    /// How much of it is a normal distribution; the rest is a box.
+    pub(crate) normal_part: F,
 }
 
 /// The least variance of a box, in units of d²: a kernel that would be a point gets a width of 0.3 d, so that it doesn't
@@ -76,32 +76,35 @@ const LEAST_VARIANCE: f32 = 0.09 / 12.0;
 /// same are all boxes at a thickness of 2σ_z.
 const WIDEST_BOX: f32 = 1.5 / 12.0;
 
+/// From this variance on, in units of d², a kernel is a normal distribution. Between the two it is a part of both, so that
+/// nothing jumps when it turns.
+const NARROWEST_NORMAL: f32 = 0.25;
+
 /// [`share_of_normal`] ends at this many of its σ.
-const NORMAL_REACH: f32 = 3.0;
+const NORMAL_REACH: f32 = 3.0406;
 
-/// Its own standard deviation is less than 1 for what is cut off.
-const NORMAL_SIGMA: f32 = 0.986_64;
+/// The width of a box with σ = 1.
+pub(crate) const BOX: f32 = 3.464_101_6;
 
-/// The share of a normal distribution before x, an odd polynomial and ½ within 3e-4 of Φ cut off at ±3.
+/// The share of a normal distribution before x of its σ: an odd polynomial and ½ with the variance of Φ, which it is within
+/// 4e-3, since it ends.
 #[inline(always)]
 pub(crate) fn share_of_normal<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
-    const HALF_PHI: [f32; 5] = [0.398_941_4, -0.064_006_94, 0.008_108_142, -0.000_598_837_2, 1.883_562_4e-5];
+    const HALF_PHI: [f32; 5] = [0.39361154, -0.061475662, 0.0075807981, -0.00054502925, 1.6688161e-05];
     let reach = F::simd_from(simd, NORMAL_REACH);
     let x = x.max(-reach).min(reach);
     x.mul_add(polynomial(simd, x * x, HALF_PHI), F::simd_from(simd, 0.5))
 }
 
-/// The share of a box before x of its widths.
+/// The share of a box before x of its σ.
 #[inline(always)]
 pub(crate) fn share_of_box<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
-    (x + 0.5).max(F::simd_from(simd, 0.0)).min(F::simd_from(simd, 1.0))
+    let (zero, half, one) = (F::simd_from(simd, 0.0), F::simd_from(simd, 0.5), F::simd_from(simd, 1.0));
+    x.mul_add(F::simd_from(simd, 1.0 / BOX), half).max(zero).min(one)
 }
 
 /// Behind it there are no others: sorting has as many bits.
 const LAST_SLAB: u32 = (1 << 22) - 1;
-
-/// How many splats of a cloud its median is taken of, at most.
-const MEDIAN_OF: usize = 255;
 
 impl Closing {
     /// What a frame's order asks for.
@@ -123,13 +126,13 @@ impl Closing {
                 return Sheets::new(volumes().next(), camera, spacing).map(Self::Sheets);
             }
         };
-        let medians = volumes().filter_map(|cloud| median_sigma_z(cloud, camera, settings));
-        let sigma_z = medians.min_by(f64::total_cmp).unwrap_or(1.0);
+        let medians = volumes().filter_map(Cloud::median_sigma);
+        let sigma = medians.min_by(f64::total_cmp).unwrap_or(1.0);
         let is_corrected = settings.baseline != Some(Baseline::UncorrectedShares);
         Ok(Self::Slabs(Slabs {
             lens: Lens::new(camera, settings.low_pass),
             near: camera.near(),
-            thickness: thickness * sigma_z,
+            thickness: thickness * sigma,
             added: if is_corrected { 1.0 / 6.0 } else { 0.0 },
         }))
     }
@@ -212,19 +215,17 @@ impl Slabs {
 
     /// How kernels are spread.
     #[inline(always)]
-    pub(crate) fn spread<S: Simd, F: Floats<S>>(&self, simd: S, sigma: F) -> Spread<F, F::Mask> {
+    pub(crate) fn spread<S: Simd, F: Floats<S>>(&self, simd: S, sigma: F) -> Spread<F> {
+        let (zero, one) = (F::simd_from(simd, 0.0), F::simd_from(simd, 1.0));
         let thickness = self.thickness as f32;
         let relative = sigma * (1.0 / thickness);
         let variance = relative.mul_add(relative, F::simd_from(simd, -self.added));
         let variance = variance.max(F::simd_from(simd, LEAST_VARIANCE));
-        let is_box = variance.simd_le(F::simd_from(simd, WIDEST_BOX));
-        let sigma = variance.sqrt();
-        let constant = |of_box: f32, of_normal: f32| {
-            is_box.select(F::simd_from(simd, of_box), F::simd_from(simd, of_normal))
-        };
-        let width = constant(12f32.sqrt(), 1.0 / NORMAL_SIGMA);
-        let half = sigma * width * constant(0.5, NORMAL_REACH) * thickness;
-        Spread { inverse: F::simd_from(simd, 1.0 / thickness) / (sigma * width), half, is_box }
+        let normal_part = (variance - WIDEST_BOX) * (1.0 / (NARROWEST_NORMAL - WIDEST_BOX));
+        let sigma = variance.sqrt() * thickness;
+        let is_box = normal_part.simd_le(zero);
+        let reach = is_box.select(F::simd_from(simd, 0.5 * BOX), F::simd_from(simd, NORMAL_REACH));
+        Spread { inverse: one / sigma, half: sigma * reach, normal_part: normal_part.max(zero).min(one) }
     }
 
     /// How far to either side kernels are in slabs, from how far their densest points are from the centre at most. A
@@ -232,7 +233,8 @@ impl Slabs {
     /// last slabs get what is beyond them.
     #[inline(always)]
     fn half<S: Simd, F: Floats<S>>(&self, simd: S, sigma: F, reach: F) -> F {
-        let Spread { half, is_box, .. } = self.spread(simd, sigma);
+        let Spread { half, normal_part, .. } = self.spread(simd, sigma);
+        let is_box = normal_part.simd_le(F::simd_from(simd, 0.0));
         let (thickness, all) = (self.thickness as f32, half + reach);
         let most = F::simd_from(simd, 0.75 * thickness);
         (is_box & all.simd_le(most)).select(all.min(F::simd_from(simd, 0.499 * thickness)), all)
@@ -282,22 +284,4 @@ impl Sheets {
         let least = (0..cloud.len()).map(|index| normal.dot(center(index) - first)).fold(0.0, f64::min);
         Ok(Self { normal: normal.as_vec3(), offset: (0.5 - least.floor() - normal.dot(first)) as f32 })
     }
-}
-
-/// The median σ_z of a cloud's kernels that are before the near plane; `None` without any.
-fn median_sigma_z(cloud: &Cloud, camera: &Camera, settings: &RenderSettings) -> Option<f64> {
-    let lens = Lens::new(camera, settings.low_pass);
-    let cloud_to_camera = camera.pose().world_to_camera * cloud.cloud_to_world();
-    let splats: &Columns = cloud.columns();
-    let step = cloud.len().div_ceil(MEDIAN_OF).max(1);
-    let sigma_z = |index: usize| {
-        let center = cloud_to_camera.transform_point3(splats.center(index).as_dvec3());
-        let splat = CameraSplat { center, factor: cloud_to_camera.matrix3 * splats.factor(index).as_dmat3() };
-        let is_seen = lens.projection == Projection::Orthographic || center.z > camera.near();
-        let sigma_z = Footprint::new(&splat, &lens).filter(|_| is_seen)?.sigma_z;
-        (sigma_z > 0.0).then_some(sigma_z)
-    };
-    let mut values: Vec<f64> = (0..cloud.len()).step_by(step).filter_map(sigma_z).collect();
-    let middle = values.len() / 2;
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }

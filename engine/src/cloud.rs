@@ -155,6 +155,8 @@ impl Harmonics {
 pub struct Cloud {
     columns: Columns,
     clusters: Vec<Cluster>,
+    /// See [`Self::median_sigma`]; in cloud space.
+    median_sigma: Option<f32>,
     cloud_to_world: DAffine3,
 }
 
@@ -197,7 +199,8 @@ impl Cloud {
         validate(&splats)?;
         let columns = Columns::new(splats);
         let clusters = cull::clusters(&columns);
-        Ok(Self { columns, clusters, cloud_to_world: DAffine3::IDENTITY })
+        let median_sigma = columns.median_sigma();
+        Ok(Self { columns, clusters, median_sigma, cloud_to_world: DAffine3::IDENTITY })
     }
 
     /// The same cloud elsewhere: `outer` is applied after the transform that the cloud already has.
@@ -240,6 +243,13 @@ impl Cloud {
 
     pub(crate) fn columns(&self) -> &Columns {
         &self.columns
+    }
+
+    /// The median over the kernels of √(3/tr Σ⁻¹) in the world, exact where the transform keeps proportions: 1/σ² along a ray
+    /// in the mean over all directions. So it doesn't depend on the view. `None` of surfaces, and without any.
+    pub(crate) fn median_sigma(&self) -> Option<f64> {
+        let scale = self.cloud_to_world.matrix3.determinant().abs().cbrt();
+        Some(f64::from(self.median_sigma?) * scale).filter(|sigma| *sigma > 0.0)
     }
 
     pub(crate) fn clusters(&self) -> &[Cluster] {

@@ -114,6 +114,27 @@ impl Columns {
         }
     }
 
+    /// The median over kernels of √(3/tr Σ⁻¹); of flat ones of √(tr Σ/3). `None` of surfaces, and without any.
+    pub(crate) fn median_sigma(&self) -> Option<f32> {
+        if matches!(self.kind, Kind::Surface(_)) || self.len == 0 {
+            return None;
+        }
+        let sigma = |factor: Mat3| {
+            let [x, y, z] = [factor.x_axis, factor.y_axis, factor.z_axis];
+            let squares =
+                |a: Vec3, b: Vec3, c: Vec3| a.length_squared() + b.length_squared() + c.length_squared();
+            // F⁻¹ is the cofactors over the determinant.
+            let sigma =
+                factor.determinant().abs() * (3.0 / squares(x.cross(y), y.cross(z), z.cross(x))).sqrt();
+            if sigma > 0.0 && sigma.is_finite() { sigma } else { (squares(x, y, z) / 3.0).sqrt() }
+        };
+        let Factors::Each(_) = &self.factors else { return Some(sigma(self.factor(0))) };
+        let mut values: Vec<f32> =
+            (0..self.len).into_par_iter().map(|index| sigma(self.factor(index))).collect();
+        let middle = values.len() / 2;
+        Some(*values.select_nth_unstable_by(middle, f32::total_cmp).1)
+    }
+
     pub(crate) fn center(&self, index: usize) -> Vec3 {
         self.centers.row(index).into()
     }

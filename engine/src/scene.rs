@@ -71,10 +71,10 @@ pub enum Order {
     Centers,
     /// After each kernel, by its depth at the pixel, as far as a small window of kernels reaches.
     PerPixel,
-    /// At planes parallel to the picture: no order within a slab. Kernels are shared out between slabs as if they were
-    /// narrower by what the slabs spread them.
+    /// At spheres around the eye, or planes where rays are parallel: no order within a slab. Kernels are shared out between
+    /// slabs as if they were narrower by what the slabs spread them.
     Slabs {
-        /// Distance of the planes in median σ_z of the cloud's kernels (the least of the clouds'), above 0.
+        /// In median σ of the cloud's kernels along rays from anywhere (the least of the clouds'), above 0.
         thickness: f64,
     },
     /// At the sheets of a grid that face the viewer most, as in Zwicker, Pfister, van Baar, Gross, *EWA Volume Splatting*,

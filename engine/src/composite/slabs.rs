@@ -92,16 +92,21 @@ impl OpenSlabs {
         slabs: &Slabs,
     ) {
         let color = kernels.color(number);
-        let SlabShare { inverse, is_box, goes_on, ends } = kernels.slabs.share(number, [first, last]);
+        let SlabShare { inverse, normal_part, goes_on, ends } = kernels.slabs.share(number, [first, last]);
         // Distances to the far ends of slabs, in units of the kernel's width.
         let mut x = (W::simd_from(simd, slabs.begin(first)) - distance) * inverse;
         let step = slabs.thickness() * inverse;
-        let before = |x: W<S>| if is_box { share_of_box(simd, x) } else { share_of_normal(simd, x) };
-        let mut passed = if goes_on { optical_depth * before(x) } else { W::simd_from(simd, 0.0) };
+        let mut passed = W::simd_from(simd, 0.0);
+        if goes_on {
+            passed = optical_depth * share_before(simd, x, normal_part);
+        }
         self.end = self.end.max(last + 1);
         for slab in first..=last {
             x += step;
-            let until = if slab == last && ends { optical_depth } else { optical_depth * before(x) };
+            let mut until = optical_depth;
+            if slab < last || !ends {
+                until *= share_before(simd, x, normal_part);
+            }
             let own = until - passed;
             passed = until;
             self.slab(slab).add::<S, DEPTH>(simd, (own, depth), color);
@@ -389,6 +394,16 @@ impl<S: Simd> Sum<S> {
             }
         }
     }
+}
+
+/// The share of a kernel before x of its σ.
+#[inline(always)]
+fn share_before<S: Simd>(simd: S, x: W<S>, normal_part: f32) -> W<S> {
+    if normal_part == 1.0 {
+        return share_of_normal(simd, x);
+    }
+    let of_box = share_of_box(simd, x);
+    (share_of_normal(simd, x) - of_box).mul_add(W::simd_from(simd, normal_part), of_box)
 }
 
 /// (1 − e^{−τ})/τ, within 5e-6 of itself.

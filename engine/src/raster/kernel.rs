@@ -3,7 +3,7 @@
 use super::offsets::{Exact, HALF_LOG2_E};
 use super::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
 use crate::camera::Projection;
-use crate::closing::{Closing, Distances, Slabs, Spread};
+use crate::closing::{BOX, Closing, Distances, Slabs, Spread};
 use crate::footprint::{Kind, Lens, Record, Rect};
 use crate::simd::*;
 use crate::tile::{HALF_BLOCK, Tile};
@@ -47,6 +47,7 @@ pub(crate) struct SlabColumns {
     /// See [`Spread`].
     inverse: Column,
     half: Column,
+    normal_part: Column,
     boxes: u64,
     /// Boxes that touch no more than two slabs: shared out between the first and the next.
     pub(crate) narrow: u64,
@@ -64,6 +65,7 @@ impl SlabColumns {
         share_slope: [[0.0; BATCH]; 2],
         inverse: [0.0; BATCH],
         half: [0.0; BATCH],
+        normal_part: [0.0; BATCH],
         boxes: 0,
         narrow: 0,
         begin: 0,
@@ -87,7 +89,7 @@ impl SlabColumns {
         let has = |set: u64| set >> number & 1 != 0;
         SlabShare {
             inverse: self.inverse[number],
-            is_box: has(self.boxes),
+            normal_part: self.normal_part[number],
             goes_on: !has(self.begin) && first == self.first[number],
             ends: has(self.end) || last < self.last[number],
         }
@@ -98,7 +100,7 @@ impl SlabColumns {
 pub(crate) struct SlabShare {
     /// See [`Spread`].
     pub(crate) inverse: f32,
-    pub(crate) is_box: bool,
+    pub(crate) normal_part: f32,
     /// Whether slabs before the first one have had their share.
     pub(crate) goes_on: bool,
     /// Whether the last slab gets what is left.
@@ -216,18 +218,27 @@ impl Kernels {
         let (depth, sigma_z) =
             (sixteen(simd, &outlines.depth, first), sixteen(simd, &outlines.sigma_z, first));
         let Distances { center, slope, sigma } = slabs.distances(simd, mean, (depth, slope, sigma_z));
-        let Spread { inverse, half, is_box } = slabs.spread(simd, sigma);
+        let Spread { inverse, half, normal_part } = slabs.spread(simd, sigma);
+        let per_pixel = inverse * (-1.0 / BOX);
         let SlabColumns {
-            distance, slope: slopes, share_slope, inverse: inverses, half: halves, boxes, ..
+            distance,
+            slope: slopes,
+            share_slope,
+            inverse: inverses,
+            half: halves,
+            normal_part: normal_parts,
+            boxes,
+            ..
         } = &mut self.slabs;
         center.store_slice(&mut distance[range.clone()]);
         slope[0].store_slice(&mut slopes[0][range.clone()]);
         slope[1].store_slice(&mut slopes[1][range.clone()]);
-        (-slope[0] * inverse).store_slice(&mut share_slope[0][range.clone()]);
-        (-slope[1] * inverse).store_slice(&mut share_slope[1][range.clone()]);
+        (slope[0] * per_pixel).store_slice(&mut share_slope[0][range.clone()]);
+        (slope[1] * per_pixel).store_slice(&mut share_slope[1][range.clone()]);
+        normal_part.store_slice(&mut normal_parts[range.clone()]);
         inverse.store_slice(&mut inverses[range.clone()]);
         half.store_slice(&mut halves[range]);
-        *boxes |= is_box.to_bitmask() << first;
+        *boxes |= normal_part.simd_le(W::simd_from(simd, 0.0)).to_bitmask() << first;
     }
 
     /// Finds what follows from sixteen records.
@@ -366,7 +377,7 @@ impl Kernels {
         let offsets = self.outlines.offsets(simd, number, pixels);
         let optical_depth = self.weight(simd, number, offsets.exponent) * self.amplitude[number];
         let SlabColumns { distance, share_slope: [x, y], inverse, .. } = &self.slabs;
-        let at_mean = (plane - distance[number]).mul_add(inverse[number], 0.5);
+        let at_mean = (plane - distance[number]).mul_add(inverse[number] * (1.0 / BOX), 0.5);
         let share = offsets.linear(simd, at_mean, [x[number], y[number]]);
         (optical_depth, share.max(W::simd_from(simd, 0.0)).min(W::simd_from(simd, 1.0)))
     }
