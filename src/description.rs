@@ -118,7 +118,7 @@ pub(crate) struct PictureOptions {
     #[arg(long)]
     pub(crate) blend: Option<BlendSpace>,
     /// How kernels that overlap are mixed: centers, one after the other from near to far; per-pixel, the same with
-    /// each pixel's own order; slabs, in layers parallel to the picture, those in a layer all at once; auto, as
+    /// each pixel's own order; slabs, in layers from near to far, those in a layer all at once; auto, as
     /// centers where only trained splats are drawn, else as slabs [default: auto]
     #[arg(long)]
     pub(crate) order: Option<OrderMode>,
