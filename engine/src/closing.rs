@@ -83,6 +83,9 @@ const NARROWEST_NORMAL: f32 = 0.25;
 /// [`share_of_normal`] ends at this many of its σ.
 const NORMAL_REACH: f32 = 3.0406;
 
+/// A normal distribution's slabs are those within as many of its σ; the first and the last get what is beyond.
+const SLAB_REACH: f32 = 2.4;
+
 /// The width of a box with σ = 1.
 pub(crate) const BOX: f32 = 3.464_101_6;
 
@@ -224,7 +227,7 @@ impl Slabs {
         let normal_part = (variance - WIDEST_BOX) * (1.0 / (NARROWEST_NORMAL - WIDEST_BOX));
         let sigma = variance.sqrt() * thickness;
         let is_box = normal_part.simd_le(zero);
-        let reach = is_box.select(F::simd_from(simd, 0.5 * BOX), F::simd_from(simd, NORMAL_REACH));
+        let reach = is_box.select(F::simd_from(simd, 0.5 * BOX), F::simd_from(simd, SLAB_REACH));
         Spread { inverse: one / sigma, half: sigma * reach, normal_part: normal_part.max(zero).min(one) }
     }
 

@@ -93,7 +93,7 @@ impl OpenSlabs {
     ) {
         let color = kernels.color(number);
         let SlabShare { inverse, normal_part, goes_on, ends } = kernels.slabs.share(number, [first, last]);
-        // Distances to the far ends of slabs, in units of the kernel's width.
+        // How far the ends of slabs are behind the kernel, in its σ.
         let mut x = (W::simd_from(simd, slabs.begin(first)) - distance) * inverse;
         let step = slabs.thickness() * inverse;
         let mut passed = W::simd_from(simd, 0.0);
@@ -101,16 +101,17 @@ impl OpenSlabs {
             passed = optical_depth * share_before(simd, x, normal_part);
         }
         self.end = self.end.max(last + 1);
-        for slab in first..=last {
+        for slab in first..last {
             x += step;
-            let mut until = optical_depth;
-            if slab < last || !ends {
-                until *= share_before(simd, x, normal_part);
-            }
-            let own = until - passed;
+            let until = optical_depth * share_before(simd, x, normal_part);
+            self.slab(slab).add::<S, DEPTH>(simd, (until - passed, depth), color);
             passed = until;
-            self.slab(slab).add::<S, DEPTH>(simd, (own, depth), color);
         }
+        let mut until = optical_depth;
+        if !ends {
+            until *= share_before(simd, x + step, normal_part);
+        }
+        self.slab(last).add::<S, DEPTH>(simd, (until - passed, depth), color);
     }
 }
 

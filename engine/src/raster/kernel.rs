@@ -120,7 +120,8 @@ pub(crate) struct Kernels {
     /// How far they reach along z from their centres, anywhere in the picture: to the end of their ellipsoids, and
     /// [`REACH`] σ_z.
     reach: Column,
-    /// Those whose opacities are the polynomial; of optical depths only in the affine form, where they have a peak.
+    /// Those whose opacities are the polynomial; of optical depths only in the affine form, where they have a peak. Where there
+    /// are slabs, those in the affine form.
     pub(crate) plain: u64,
     /// Where there are slabs.
     pub(crate) slabs: SlabColumns,
@@ -198,10 +199,6 @@ impl Kernels {
             }
             self.slabs.narrow &= self.slabs.boxes;
         }
-        if lens.closing.has_slabs() {
-            // Sums are of optical depths.
-            self.plain &= !self.opacities;
-        }
         self.masks = self.outlines.blocks(simd, tile, !hidden, rect);
     }
 
@@ -262,10 +259,13 @@ impl Kernels {
         for (column, thin) in self.alpha.iter_mut().zip(thin) {
             thin.store_slice(&mut column[range.clone()]);
         }
-        // No polynomial is needed where optical depths add up.
-        let any = lens.is_taylor || lens.closing.has_slabs();
-        let most = W::simd_from(simd, if any { f32::INFINITY } else { THIN_PEAK });
-        let is_plain = opacity | (amplitude.simd_le(most) & !exact);
+        let is_plain = if lens.closing.has_slabs() {
+            // Optical depths add up, and need no polynomial.
+            !exact
+        } else {
+            let most = W::simd_from(simd, if lens.is_taylor { f32::INFINITY } else { THIN_PEAK });
+            opacity | (amplitude.simd_le(most) & !exact)
+        };
         self.plain |= is_plain.to_bitmask() << first;
         // An opacity that is not seen at all was dropped: the logarithm is positive.
         let end = W::simd_from(simd, lens.cutoff * HALF_LOG2_E);
@@ -362,7 +362,13 @@ impl Kernels {
     #[inline(always)]
     pub(crate) fn plain_optical_depth<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
         let exponent = self.outlines.offsets(simd, number, pixels).exponent;
-        self.weight(simd, number, exponent) * self.amplitude[number]
+        self.affine_optical_depth(simd, number, exponent)
+    }
+
+    #[inline(always)]
+    fn affine_optical_depth<S: Simd>(&self, simd: S, number: usize, exponent: W<S>) -> W<S> {
+        let strength = self.weight(simd, number, exponent) * self.amplitude[number];
+        if self.is_opacity(number) { optical_depth(simd, strength) } else { strength }
     }
 
     /// The optical depth of a plain kernel that is spread as a box at pixels, and its share before a distance.
@@ -375,7 +381,7 @@ impl Kernels {
         plane: f32,
     ) -> (W<S>, W<S>) {
         let offsets = self.outlines.offsets(simd, number, pixels);
-        let optical_depth = self.weight(simd, number, offsets.exponent) * self.amplitude[number];
+        let optical_depth = self.affine_optical_depth(simd, number, offsets.exponent);
         let SlabColumns { distance, share_slope: [x, y], inverse, .. } = &self.slabs;
         let at_mean = (plane - distance[number]).mul_add(inverse[number] * (1.0 / BOX), 0.5);
         let share = offsets.linear(simd, at_mean, [x[number], y[number]]);
