@@ -11,7 +11,7 @@ use oblate_engine::cloud::oblate_factor;
 use oblate_engine::simd::Level;
 use oblate_engine::{
     Blend, Camera, Channels, Cloud, Counts, FootprintForm, Harmonics, Material, Observer, OpacityFilter,
-    Pose, RenderSettings, Renderer, Scene, Shapes, Splats, Stage, Strength, Surface,
+    Order, Pose, RenderSettings, Renderer, Scene, Shapes, Splats, Stage, Strength, Surface,
 };
 use random::Random;
 use std::f32::consts::PI;
@@ -47,7 +47,7 @@ impl Observer for Marker {
 
     fn counts(&self, counts: Counts) {
         if self.is_measured.load(Relaxed) {
-            let Counts { splats, visible, fragments } = counts;
+            let Counts { splats, visible, fragments, late: _ } = counts;
             println!("{:?} {splats} {visible} {fragments}", Level::best());
         }
     }
@@ -81,8 +81,10 @@ fn main() {
         footprint: FootprintForm::Affine,
         blend: Blend::Display,
         channels: Channels::Color,
+        order: Order::Centers,
         ..RenderSettings::default()
     };
+    let ordered = |order| RenderSettings { order, ..affine };
     let exact = RenderSettings { footprint: FootprintForm::Exact, ..affine };
     let (clouds, settings) = match name.as_str() {
         "affine" => (vec![splats(false)], affine),
@@ -91,7 +93,11 @@ fn main() {
         "surfels" => (vec![sphere()], affine),
         "grid" => (vec![grid()], affine),
         "mixed" => (vec![grid(), sphere()], affine),
-        _ => panic!("the scenes are affine, exact, harmonics, surfels, grid and mixed; {name:?} is none"),
+        "window" => (vec![splats(false)], ordered(Order::PerPixel)),
+        "slabs" => (vec![grid()], ordered(Order::Slabs { thickness: 2.0 })),
+        "thin-slabs" => (vec![grid()], ordered(Order::Slabs { thickness: 1.0 })),
+        "mixed-slabs" => (vec![grid(), sphere()], ordered(Order::Slabs { thickness: 2.0 })),
+        _ => panic!("there is no scene {name:?}; they are listed in .ci/instructions"),
     };
     let scene = Scene { clouds, lights: Vec::new() };
     let pose = Pose::look_at(DVec3::new(2.0, -4.0, 2.0), DVec3::ZERO, DVec3::Z).expect("it looks somewhere");

@@ -1,8 +1,8 @@
 //! The rasterizer against the two references on five small mixed scenes, with stated figures.
 //!
-//! R1 has the rasterizer's filter and integrates what overlaps: what is left is order (`Centers` composites
-//! overlapping kernels one after the other), cut-off and rounding. R2 has no filter but many rays a pixel:
-//! against it the filtering of optical depth instead of opacity shows at dense silhouettes.
+//! R1 has the rasterizer's filter and integrates what overlaps: what is left is what slabs leave of order, cut-off and
+//! rounding. R2 has no filter but many rays a pixel: against it the filtering of optical depth instead of opacity shows at
+//! dense silhouettes.
 
 #![allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
 
@@ -96,13 +96,13 @@ fn cases() -> Vec<Case> {
                 sphere(2000, 0.7, [0.9, 0.4, 0.1]),
             ]),
             camera: view,
-            bounds: [75.0, 46.0, 0.002],
+            bounds: [78.0, 52.0, 0.002],
         },
         Case {
             name: "a shaded cloud cut by a tilted plane",
             scene: unlit(vec![cloudlet(6.0), small_plane().transformed(tilted(70.0, DVec3::ZERO))]),
             camera: view,
-            bounds: [44.0, 40.0, 0.025],
+            bounds: [66.0, 44.5, 0.0039],
         },
         Case {
             name: "two clouds that overlap, lit by a point",
@@ -114,7 +114,7 @@ fn cases() -> Vec<Case> {
                 ],
             },
             camera: view,
-            bounds: [47.0, 44.0, 0.02],
+            bounds: [68.5, 51.0, 0.0039],
         },
         Case {
             name: "trained kernels around a ball in fog",
@@ -124,7 +124,7 @@ fn cases() -> Vec<Case> {
                 fog([12; 3], DVec3::splat(0.2), 0.2, [0.1, 0.3, 0.2]),
             ]),
             camera: view,
-            bounds: [42.0, 40.0, 0.06],
+            bounds: [50.5, 47.0, 0.03],
         },
         Case {
             name: "surfaces one behind the other",
@@ -219,13 +219,13 @@ fn classic_kernels_beside_others_are_r1s() {
         let fog = fog([12; 3], DVec3::splat(0.2), 0.2, [0.1, 0.3, 0.2]);
         unlit(vec![trained(size, filter), sphere(2000, 0.5, [0.8; 3]), fog])
     };
-    for (size, least) in [(1.0, 41.0), (0.1, 68.0)] {
+    for (size, least) in [(1.0, 50.0), (0.1, 68.0)] {
         let classic = scene(size, OpacityFilter::Classic);
         let r1 = reference(&classic, &camera, &settings, ReferenceKind::R1, &|_| ()).unwrap();
         let [found, dimmed] = [classic, scene(size, OpacityFilter::Compensated)]
             .map(|scene| metrics(&render(&scene, &camera, &settings, &()).unwrap(), &r1).psnr_db);
         println!("size {size}: {found:.1} dB, dimmed {dimmed:.1} dB");
-        assert!(found >= least && dimmed < 40.0, "size {size}: {found} dB, dimmed {dimmed} dB");
+        assert!(found >= least && dimmed < 42.0, "size {size}: {found} dB, dimmed {dimmed} dB");
     }
 }
 
