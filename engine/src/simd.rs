@@ -275,17 +275,25 @@ pub(crate) fn optical_depth<S: Simd, F: Floats<S>>(simd: S, opacity: F) -> F {
     log2(simd, F::simd_from(simd, 1.0) - opacity) * -std::f32::consts::LN_2
 }
 
-/// Φ(x), within 3e-7: Abramowitz, Stegun, *Handbook of mathematical functions*, 1964, 26.2.17.
+/// Where [`normal_cdf`] is 0 and 1.
+pub(crate) const NORMAL_END: f32 = 4.0;
+
+/// Φ(x) by an odd polynomial and ½, within 3.3e-5; it never falls, and is 0 and 1 from ±4 on.
 #[inline(always)]
 pub(crate) fn normal_cdf<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
-    // Beyond nine it is 0 or 1 to f32.
-    let away = x.abs().min(F::simd_from(simd, 9.0));
-    let one = F::simd_from(simd, 1.0);
-    let t = one / away.mul_add(F::simd_from(simd, 0.231_641_9), one);
-    const SERIES: [f32; 5] = [0.319_381_54, -0.356_563_78, 1.781_477_9, -1.821_256, 1.330_274_4];
-    const PEAK: f32 = 0.398_942_3;
-    let tail = exp(simd, away * away * -0.5) * PEAK * t * polynomial(simd, t, SERIES);
-    x.simd_lt(F::simd_from(simd, 0.0)).select(tail, one - tail)
+    const OVER_X: [f32; 8] = [
+        0.398_805_74,
+        -0.066_064_612,
+        0.009_581_762_4,
+        -0.001_021_162_5,
+        7.620_863e-5,
+        -3.711_155_9e-6,
+        1.045_076_6e-7,
+        -1.279_074_3e-9,
+    ];
+    let end = F::simd_from(simd, NORMAL_END);
+    let x = x.max(-end).min(end);
+    x.mul_add(polynomial(simd, x * x, OVER_X), F::simd_from(simd, 0.5))
 }
 
 /// As [`crate::color::linear_to_srgb`], within 2e-6.
@@ -427,7 +435,7 @@ mod tests {
             |_, y: f64| 3e-7 + 3e-7 * y
         );
         let phi = |x: f64| 0.5 * libm::erfc(-x * std::f64::consts::FRAC_1_SQRT_2);
-        check!("Φ", |simd, v| normal_cdf(simd, v), phi, steps(-8.0, 8.0), |_, _| 3e-7);
+        check!("Φ", |simd, v| normal_cdf(simd, v), phi, steps(-8.0, 8.0), |_, _| 3.3e-5);
         for e in [1.0 / 2.4, 2.4, 20.0] {
             check!(
                 "pow",

@@ -13,7 +13,7 @@ pub(crate) use seen::{Runs, Seeing, Seen};
 use crate::closing::Closing;
 use crate::cuts::Cuts;
 use crate::footprint::{Record, Rect};
-use crate::raster::{BATCH, Fragments, KernelLens, Kernels, REACH, SlabColumns};
+use crate::raster::{BATCH, Fragments, KernelLens, Kernels, SlabColumns};
 use crate::simd::*;
 use crate::tile::{MAX_BLOCKS, PIXELS, Tile, pixels};
 use centers::Centers;
@@ -79,6 +79,7 @@ impl<S: Simd> Plain<'_, S> {
 }
 
 /// A kernel of a batch, or a share of it, at the pixels of a block. What a policy doesn't read is not computed.
+#[derive(Clone, Copy)]
 struct Fragment<'a, S: Simd> {
     kernels: &'a Kernels,
     number: usize,
@@ -349,98 +350,129 @@ impl Compositor<'_> {
         (cuts, opens, runs): (&Cuts, &mut [Vec<O::Open>], &mut Runs),
     ) {
         let (corner, pixels) = (here.tile.corner_pixel(here.block), here.pixels(simd));
+        let segments = cuts.block(here.block).segments;
+        let mut opening = O::load(simd, &runs.segments[0][here.block], &mut opens[0][here.block]);
         while todo != 0 {
-            let set = before(todo, todo & !whole);
-            let mut rest = set;
-            let (seen, open) = (&mut runs.segments[0][here.block], &mut opens[0][here.block]);
-            let mut opening = O::load(simd, seen, open);
-            while rest != 0 {
-                let plain = before(rest, rest & !kernels.plain);
-                rest ^= plain;
-                let set = Plain { kernels, set: plain, corner, pixels };
-                opening.add_plain::<DEPTH>(simd, set, policy, open);
-                if rest == 0 {
-                    break;
-                }
-                let number = rest.trailing_zeros() as usize % BATCH;
-                rest &= rest - 1;
-                let Fragments { strength, depth, .. } =
-                    kernels.fragments(simd, number, pixels, (here.tile, &self.lens));
-                let color = kernels.color(number);
-                let [alpha, optical_depth] = if kernels.is_opacity(number) {
-                    [strength, optical_depth(simd, strength)]
-                } else {
-                    [opacity(simd, strength), strength]
-                };
-                let distance = kernels.distance(simd, number, (pixels, depth), (here.tile, &self.lens));
-                let fragment =
-                    Fragment { kernels, number, corner, alpha, optical_depth, depth, distance, color };
-                opening.add::<DEPTH>(simd, fragment, policy, open);
+            let open = &mut opens[0][here.block];
+            let plain = before(todo, todo & !(whole & kernels.plain));
+            opening.add_plain::<DEPTH>(simd, Plain { kernels, set: plain, corner, pixels }, policy, open);
+            todo ^= plain;
+            if todo == 0 {
+                break;
             }
-            opening.store(seen, open);
-            todo ^= set;
-            if todo != 0 {
-                let number = todo.trailing_zeros() as usize % BATCH;
-                todo &= todo - 1;
-                let kernel = (kernels, number);
-                self.add_shares::<S, O, DEPTH>(simd, (here, policy), kernel, (cuts, opens, runs));
+            let number = todo.trailing_zeros() as usize % BATCH;
+            todo &= todo - 1;
+            let fragments = kernels.fragments(simd, number, pixels, (here.tile, &self.lens));
+            let Fragments { strength, depth, .. } = fragments;
+            let [alpha, optical_depth] = if kernels.is_opacity(number) {
+                [strength, optical_depth(simd, strength)]
+            } else {
+                [opacity(simd, strength), strength]
+            };
+            let distance = kernels.distance(simd, number, (pixels, depth), (here.tile, &self.lens));
+            let color = kernels.color(number);
+            let mut fragment =
+                Fragment { kernels, number, corner, alpha, optical_depth, depth, distance, color };
+            if whole >> number & 1 != 0 {
+                opening.add::<DEPTH>(simd, fragment, policy, open);
+            } else if segments == 1 {
+                let shares = Shares::new(simd, &fragments, self.lens.near);
+                shares.first(simd, cuts.depth(0, here.block).load(simd)).cut(simd, &mut fragment);
+                opening.add::<DEPTH>(simd, fragment, policy, open);
+            } else {
+                opening.store(&mut runs.segments[0][here.block], open);
+                let shares = Shares::new(simd, &fragments, self.lens.near);
+                self.add_shares::<S, O, DEPTH>(simd, (here, policy), (fragment, shares), (cuts, opens, runs));
+                opening = O::load(simd, &runs.segments[0][here.block], &mut opens[0][here.block]);
             }
         }
+        opening.store(&mut runs.segments[0][here.block], &mut opens[0][here.block]);
     }
 
-    /// Shares a kernel of any kind and form out between the runs of a block:
-    /// share_j = Φ((z_{j+1} − z)/σ_z) − Φ((z_j − z)/σ_z).
+    /// Shares a kernel of any kind and form out between the runs of a block.
     #[inline(always)]
     fn add_shares<S: Simd, O: Opening<S>, const DEPTH: bool>(
         &self,
         simd: S,
         (here, policy): (Here, O::Policy),
-        (kernels, number): (&Kernels, usize),
+        (fragment, mut shares): (Fragment<S>, Shares<S>),
         (cuts, opens, runs): (&Cuts, &mut [Vec<O::Open>], &mut Runs),
     ) {
-        let Fragments { strength, depth, sigma_z } =
-            kernels.fragments(simd, number, here.pixels(simd), (here.tile, &self.lens));
-        let distance = kernels.distance(simd, number, (here.pixels(simd), depth), (here.tile, &self.lens));
-        let color = kernels.color(number);
-        let is_opacity = kernels.is_opacity(number);
-        let tau = if is_opacity { optical_depth(simd, strength) } else { strength };
-        let inverse = reciprocal(simd, sigma_z.max(W::simd_from(simd, 1e-20)));
-        let mut from = W::simd_from(simd, self.lens.near);
-        let mut before_from = share_before(simd, (from - depth) * inverse);
         let segments = cuts.block(here.block).segments;
-        let corner = here.tile.corner_pixel(here.block);
         for (segment, (blocks, opens)) in runs.segments[..segments].iter_mut().zip(opens).enumerate() {
-            let (seen, open) = (&mut blocks[here.block], &mut opens[here.block]);
-            let to = cuts.depth(segment, here.block).load(simd);
-            let before_to = share_before(simd, (to - depth) * inverse);
-            let own_tau = tau * (before_to - before_from);
-            let zero = W::simd_from(simd, 0.0);
-            if own_tau.simd_gt(zero).any_true() {
-                let optical_depth = own_tau.max(zero);
-                let alpha = kernels.opacity(simd, number, optical_depth);
-                let depth = depth.max(from).min(to);
+            let own = shares.first(simd, cuts.depth(segment, here.block).load(simd));
+            if own.share.simd_gt(W::simd_from(simd, 0.0)).any_true() {
+                let (seen, open) = (&mut blocks[here.block], &mut opens[here.block]);
                 let mut opening = O::load(simd, seen, open);
-                let fragment =
-                    Fragment { kernels, number, corner, alpha, optical_depth, depth, distance, color };
+                let mut fragment = fragment;
+                own.cut(simd, &mut fragment);
                 opening.add::<DEPTH>(simd, fragment, policy, open);
                 opening.store(seen, open);
             }
-            (from, before_from) = (to, before_to);
+            shares = shares.rest(&own);
         }
+    }
+}
+
+/// A kernel that is shared out between the segments of a block's rays:
+/// share_j = Φ((z_{j+1} − z)/σ_z) − Φ((z_j − z)/σ_z).
+#[derive(Clone, Copy)]
+struct Shares<S: Simd> {
+    depth: W<S>,
+    /// 1/σ_z.
+    inverse: W<S>,
+    /// Where the next segment begins, and the share before it.
+    from: W<S>,
+    before: W<S>,
+}
+
+/// What a segment has of a kernel.
+struct Share<S: Simd> {
+    share: W<S>,
+    from: W<S>,
+    to: W<S>,
+    /// All until the segment's end.
+    before_end: W<S>,
+}
+
+impl<S: Simd> Shares<S> {
+    #[inline(always)]
+    fn new(simd: S, fragments: &Fragments<S>, near: f32) -> Self {
+        let Fragments { depth, sigma_z, .. } = *fragments;
+        let inverse = reciprocal(simd, sigma_z.max(W::simd_from(simd, 1e-20)));
+        let from = W::simd_from(simd, near);
+        Self { depth, inverse, from, before: normal_cdf(simd, (from - depth) * inverse) }
+    }
+
+    /// The share of the next segment, which ends at a depth.
+    #[inline(always)]
+    fn first(&self, simd: S, to: W<S>) -> Share<S> {
+        // No infinity times 0.
+        let end = to.min(W::simd_from(simd, 1e30));
+        let before_end = normal_cdf(simd, (end - self.depth) * self.inverse);
+        let share = (before_end - self.before).max(W::simd_from(simd, 0.0));
+        Share { share, from: self.from, to, before_end }
+    }
+
+    /// What is behind a segment.
+    #[inline(always)]
+    fn rest(self, segment: &Share<S>) -> Self {
+        Self { from: segment.to, before: segment.before_end, ..self }
+    }
+}
+
+impl<S: Simd> Share<S> {
+    /// Leaves of a whole kernel its share.
+    #[inline(always)]
+    fn cut(&self, simd: S, fragment: &mut Fragment<S>) {
+        let Fragment { kernels, number, optical_depth, depth, .. } = *fragment;
+        fragment.optical_depth = optical_depth * self.share;
+        fragment.alpha = kernels.opacity(simd, number, fragment.optical_depth);
+        fragment.depth = depth.max(self.from).min(self.to);
     }
 }
 
 /// The bits of a set below the lowest of another one.
 fn before(set: u64, other: u64) -> u64 {
     if other == 0 { set } else { set & ((1 << other.trailing_zeros()) - 1) }
-}
-
-/// Φ(x): the share of a kernel before a depth that lies xσ_z behind its middle.
-#[inline(always)]
-fn share_before<S: Simd>(simd: S, x: W<S>) -> W<S> {
-    if x.abs().simd_lt(W::simd_from(simd, REACH)).any_true() {
-        return normal_cdf(simd, x);
-    }
-    let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
-    x.simd_gt(zero).select(one, zero)
 }

@@ -193,6 +193,13 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
             self.end = self.end.max(first + 2);
             return;
         };
+        if kernels.slabs.narrow >> number & 1 != 0 {
+            self.close_before::<DEPTH>(simd, first, slabs.thickness(), open);
+            let x = (W::simd_from(simd, slabs.begin(first + 1)) - distance) * kernels.slabs.inverse(number);
+            let matter = (optical_depth, share_of_box(simd, x), depth);
+            self.share_between::<DEPTH>(simd, matter, kernels.color(number));
+            return;
+        }
         self.store_near(open);
         open.close_before::<S, DEPTH>(simd, first, (&mut self.seen, slabs.thickness()));
         let range = kernels.slabs_in(number, corner, slabs);
@@ -265,14 +272,24 @@ impl<S: Simd> Slabbed<S> {
                 self.close_before::<DEPTH>(simd, first, slabs.thickness(), open);
                 plane = slabs.begin(first + 1);
             }
-            self.end = self.end.max(first + 2);
             let (optical_depth, share) = kernels.plain_share_before(simd, number, pixels, plane);
             let depth = if DEPTH { kernels.depth_at(simd, number, pixels) } else { share };
-            let color = kernels.color(number);
-            let nearer = optical_depth * share;
-            self.near[0].add::<DEPTH>(simd, (nearer, depth), color);
-            self.near[1].add::<DEPTH>(simd, (optical_depth - nearer, depth), color);
+            self.share_between::<DEPTH>(simd, (optical_depth, share, depth), kernels.color(number));
         }
+    }
+
+    /// Shares a kernel out between the first two slabs.
+    #[inline(always)]
+    fn share_between<const DEPTH: bool>(
+        &mut self,
+        simd: S,
+        (optical_depth, share, depth): (W<S>, W<S>, W<S>),
+        color: [f32; 3],
+    ) {
+        let nearer = optical_depth * share;
+        self.end = self.end.max(self.first + 2);
+        self.near[0].add::<DEPTH>(simd, (nearer, depth), color);
+        self.near[1].add::<DEPTH>(simd, (optical_depth - nearer, depth), color);
     }
 
     /// Adds any plain kernels.

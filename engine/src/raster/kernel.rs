@@ -18,7 +18,7 @@ const THIN: [f32; 3] = [0.999_980_4, -0.498_614_63, 0.151_798_94];
 const TAYLOR: [f32; 3] = [1.0, 0.0, 0.0];
 
 /// Beyond this many σ_z a kernel has 6e-5 of its mass, which counts as none.
-pub(crate) const REACH: f32 = 4.0;
+const REACH: f32 = NORMAL_END;
 
 /// What volume records share.
 pub(crate) struct KernelLens {
@@ -81,6 +81,12 @@ impl SlabColumns {
         (self.first[number], self.last[number]) = (first, last);
         self.begin = self.begin & !(1 << number) | u64::from(begin) << number;
         self.end = self.end & !(1 << number) | u64::from(end) << number;
+    }
+
+    /// See [`Spread`].
+    #[inline(always)]
+    pub(crate) fn inverse(&self, number: usize) -> f32 {
+        self.inverse[number]
     }
 
     /// How a record's piece is shared out between some of its slabs.

@@ -8,6 +8,6 @@ mod offsets;
 mod outline;
 mod surfel;
 
-pub(crate) use kernel::{Fragments, KernelLens, Kernels, REACH, SlabColumns, SlabShare};
+pub(crate) use kernel::{Fragments, KernelLens, Kernels, SlabColumns, SlabShare};
 pub(crate) use outline::BATCH;
 pub(crate) use surfel::{Surfaces, Surfel, SurfelLens, Surfels};
