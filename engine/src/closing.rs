@@ -93,7 +93,8 @@ pub(crate) const BOX: f32 = 3.464_101_6;
 /// 4e-3, since it ends.
 #[inline(always)]
 pub(crate) fn share_of_normal<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
-    const HALF_PHI: [f32; 5] = [0.39361154, -0.061475662, 0.0075807981, -0.00054502925, 1.6688161e-05];
+    const HALF_PHI: [f32; 5] =
+        [0.393_611_54, -0.061_475_66, 0.007_580_798, -0.000_545_029_25, 1.668_816_1e-5];
     let reach = F::simd_from(simd, NORMAL_REACH);
     let x = x.max(-reach).min(reach);
     x.mul_add(polynomial(simd, x * x, HALF_PHI), F::simd_from(simd, 0.5))
@@ -286,5 +287,113 @@ impl Sheets {
         // A sheet's kernels lie in its middle; the nearest have numbers from 0 on.
         let least = (0..cloud.len()).map(|index| normal.dot(center(index) - first)).fold(0.0, f64::min);
         Ok(Self { normal: normal.as_vec3(), offset: (0.5 - least.floor() - normal.dot(first)) as f32 })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Pose;
+
+    fn slabs(added: f32) -> Slabs {
+        let pose = Pose::look_at(DVec3::ZERO, DVec3::Z, DVec3::Y).unwrap();
+        let camera = Camera::perspective(pose, 0.5, [8, 8]).unwrap();
+        Slabs { near: 0.25, thickness: 0.5, lens: Lens::new(&camera, 0.3), added }
+    }
+
+    /// The share of a kernel with σ before a distance x from its centre.
+    fn share(slabs: &Slabs, sigma: f32, x: f32) -> f64 {
+        dispatch!(Level::Baseline, simd => {
+            let Spread { inverse, normal_part, .. } = slabs.spread(simd, splat(simd, sigma));
+            let x = inverse * x;
+            let (of_box, of_normal) = (share_of_box(simd, x), share_of_normal(simd, x));
+            f64::from(((of_normal - of_box) * normal_part + of_box).reduce_max())
+        })
+    }
+
+    /// The variance of what shares tell, by parts: ∫ 2x (1 − F(x)) dx twice, for both sides are alike.
+    fn variance(slabs: &Slabs, sigma: f32) -> f64 {
+        let step = 1e-3 * sigma.max(0.1);
+        (0..8000)
+            .map(|i| {
+                let x = (i as f32 + 0.5) * step;
+                4.0 * f64::from(x) * (1.0 - share(slabs, sigma, x)) * f64::from(step)
+            })
+            .sum()
+    }
+
+    #[test]
+    fn shares_and_slabs_together_spread_a_kernel_as_it_is() {
+        let slabs = slabs(1.0 / 6.0);
+        for sigma in [0.21, 0.25, 0.27, 0.3, 0.4, 0.7, 2.0] {
+            // The slab adds d²/12, and that there is no order in it as much again.
+            let found = variance(&slabs, sigma) + 0.5 * 0.5 / 6.0;
+            let expected = f64::from(sigma * sigma);
+            // The polynomial's variance is 1 within 3e-4.
+            assert!((found - expected).abs() <= 1e-3 * expected, "σ = {sigma}: {found}, not {expected}");
+        }
+        // What is thinner keeps a width of 0.3 slabs.
+        let thin = variance(&slabs, 0.1);
+        assert!((thin - 0.15f64.powi(2) / 12.0).abs() < 1e-5, "{thin}");
+    }
+
+    #[test]
+    fn shares_change_smoothly_with_the_kernel() {
+        // A thousandth more σ is σ²/σ'² thousandths more σ', which moves a share by half of that at most: x ≤ √3 σ' in a box.
+        // From box to normal distribution it is a change of 5e-3 at most of their difference, 0.06.
+        let slabs = slabs(1.0 / 6.0);
+        for i in 0..2000 {
+            let sigma = 0.05 + 5e-4 * i as f32;
+            let ratio = 1.0 / (1.0 - 0.25 / 6.0 / f64::from(sigma * sigma)).max(0.04);
+            for x in [0.05, 0.1, 0.2, 0.3, 0.5, 0.9] {
+                let change = share(&slabs, sigma * 1.001, x) - share(&slabs, sigma, x);
+                assert!(change.abs() < 1e-3 * (0.5 * ratio + 0.5), "σ = {sigma}, x = {x}: {change}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_kernel_is_within_its_slabs() {
+        let closing = Closing::Slabs(slabs(1.0 / 6.0));
+        let Closing::Slabs(slabs) = &closing else { unreachable!() };
+        for i in 0..400 {
+            let (distance, sigma) = (1.0 + 0.011 * f64::from(i), 0.02 + 0.004 * f64::from(i));
+            let [first, last] = closing.numbers_of_one(Vec3::ZERO, [distance, sigma, 0.0]);
+            assert!(first <= last && first.fract() == 0.0 && last.fract() == 0.0);
+            let before = share(slabs, sigma as f32, slabs.begin(first as u32) - distance as f32);
+            let until = share(slabs, sigma as f32, slabs.begin(last as u32 + 1) - distance as f32);
+            // A normal distribution is within 2.4 σ but for 0.8 % on either side; a box wider than a slab, by 22 %
+            // at most, may end before it.
+            assert!(before < 0.1 && until > 0.9, "{distance}, {sigma}: {before}, {until}");
+            assert!(sigma > 0.27 || last <= first + 1.0, "{distance}, {sigma}: from {first} to {last}");
+        }
+    }
+
+    #[test]
+    fn distances_of_round_kernels_have_no_slope() {
+        // Seen from aside the depth of a ball's densest points falls as its rays turn away, their distance doesn't.
+        let slabs = slabs(1.0 / 6.0);
+        let (center, sigma) = (DVec3::new(0.8, -0.5, 4.0), 0.3);
+        let pose = Pose::look_at(DVec3::ZERO, DVec3::Z, -DVec3::Y).unwrap();
+        let camera = Camera::perspective(pose, 0.5, [8, 8]).unwrap();
+        let splat_in_camera =
+            crate::footprint::CameraSplat { center, factor: glam::DMat3::from_diagonal(DVec3::splat(sigma)) };
+        let footprint = crate::footprint::Footprint::new(&splat_in_camera, &Lens::new(&camera, 0.0)).unwrap();
+        let [distance, slope, spread] = dispatch!(Level::Baseline, simd => {
+            let of = |x: f64| splat(simd, x as f32);
+            let mean = [of(footprint.mean.x), of(footprint.mean.y)];
+            let kernel = (
+                of(footprint.depth),
+                [of(footprint.depth_slope.x), of(footprint.depth_slope.y)],
+                of(footprint.sigma_z),
+            );
+            let Distances { center, slope, sigma } = slabs.distances(simd, mean, kernel);
+            [center, slope[0].abs().max(slope[1].abs()), sigma].map(|x| f64::from(x.reduce_max()))
+        });
+        assert!((distance - center.length()).abs() < 1e-5, "{distance}");
+        assert!((spread - sigma).abs() < 1e-5, "{spread}");
+        // In world units a pixel; the depth's is 0.005 here.
+        assert!(slope < 1e-6, "{slope}");
+        assert!(footprint.depth_slope.length() > 1e-3);
     }
 }

@@ -283,8 +283,8 @@ pub(crate) const NORMAL_END: f32 = 4.0;
 pub(crate) fn normal_cdf<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
     const OVER_X: [f32; 8] = [
         0.398_805_74,
-        -0.066_064_612,
-        0.009_581_762_4,
+        -0.066_064_61,
+        0.009_581_762,
         -0.001_021_162_5,
         7.620_863e-5,
         -3.711_155_9e-6,

@@ -1,7 +1,7 @@
 //! Closing after each kernel, in the order they come in.
 
+use super::opening::{Fragment, Opening, Plain};
 use super::seen::{Seeing, Seen};
-use super::{Fragment, Opening, Plain};
 use crate::simd::*;
 
 /// Nothing stays open.

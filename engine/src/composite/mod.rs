@@ -4,7 +4,10 @@
 //! a kernel is it shared out between runs. When what is open is closed is the affair of the policies ([`Opening`]).
 
 mod centers;
+mod coming;
+mod opening;
 mod seen;
+mod shares;
 mod slabs;
 mod window;
 
@@ -13,84 +16,16 @@ pub(crate) use seen::{Runs, Seeing, Seen};
 use crate::closing::Closing;
 use crate::cuts::Cuts;
 use crate::footprint::{Record, Rect};
-use crate::raster::{BATCH, Fragments, KernelLens, Kernels, SlabColumns};
+use crate::raster::{BATCH, Fragments, KernelLens, Kernels};
 use crate::simd::*;
 use crate::tile::{MAX_BLOCKS, PIXELS, Tile, pixels};
 use centers::Centers;
-use slabs::{MOST_OPEN, OpenSlabs, Slabbed};
-use std::collections::VecDeque;
-use std::sync::atomic::{AtomicU32, Ordering};
+use coming::Coming;
+use opening::{Fragment, Opening, Plain};
+use shares::Shares;
+use slabs::{OpenSlabs, Slabbed};
+use std::sync::atomic::AtomicU32;
 use window::{Window, Windowed};
-
-/// A policy at work on the rays of a block, in registers.
-trait Opening<S: Simd>: Sized {
-    /// What stays open from one batch to the next, in memory.
-    type Open: Default;
-    /// Whether anything does.
-    const KEEPS_OPEN: bool;
-    /// What is the same for all blocks.
-    type Policy: Copy;
-
-    fn load(simd: S, seen: &Seen, open: &mut Self::Open) -> Self;
-
-    fn store(self, seen: &mut Seen, open: &mut Self::Open);
-
-    fn seen(&self) -> &Seeing<S>;
-
-    /// Adds a set of plain kernels, whole, in their order.
-    fn add_plain<const DEPTH: bool>(
-        &mut self,
-        simd: S,
-        plain: Plain<S>,
-        policy: Self::Policy,
-        open: &mut Self::Open,
-    );
-
-    /// Adds any kernel, or a share of one.
-    fn add<const DEPTH: bool>(
-        &mut self,
-        simd: S,
-        fragment: Fragment<S>,
-        policy: Self::Policy,
-        open: &mut Self::Open,
-    );
-
-    /// Closes what is open.
-    fn finish<const DEPTH: bool>(&mut self, simd: S, policy: Self::Policy, open: &mut Self::Open);
-}
-
-/// A set of a batch's kernels, to be evaluated at the pixels of a block.
-#[derive(Clone, Copy)]
-struct Plain<'a, S: Simd> {
-    kernels: &'a Kernels,
-    set: u64,
-    corner: [f32; 2],
-    pixels: [W<S>; 2],
-}
-
-impl<S: Simd> Plain<'_, S> {
-    /// The next kernel of the set, which it leaves.
-    #[inline(always)]
-    fn next(&mut self) -> Option<usize> {
-        let number = self.set.trailing_zeros() as usize;
-        self.set &= self.set.wrapping_sub(1);
-        (number < BATCH).then_some(number)
-    }
-}
-
-/// A kernel of a batch, or a share of it, at the pixels of a block. What a policy doesn't read is not computed.
-#[derive(Clone, Copy)]
-struct Fragment<'a, S: Simd> {
-    kernels: &'a Kernels,
-    number: usize,
-    corner: [f32; 2],
-    alpha: W<S>,
-    optical_depth: W<S>,
-    /// z, and the distance from the eye.
-    depth: W<S>,
-    distance: W<S>,
-    color: [f32; 3],
-}
 
 /// Adds fragments to runs.
 pub(crate) struct Compositor<'a> {
@@ -128,20 +63,6 @@ pub(crate) struct KernelBuffers {
     windows: Vec<Vec<Window>>,
     slabs: Vec<Vec<OpenSlabs>>,
     none: Vec<Vec<()>>,
-}
-
-/// Records of a batch, and pieces of records that are still to come.
-#[derive(Default)]
-struct Coming {
-    records: Vec<u32>,
-    /// By their first slab: all are cut to the same length.
-    pieces: VecDeque<Piece>,
-}
-
-/// What lies from a slab on, of a record.
-struct Piece {
-    record: u32,
-    first: u32,
 }
 
 /// Buffers for batches, for what is open, and for what is seen.
@@ -195,13 +116,15 @@ impl Compositor<'_> {
             blocks.resize_with(tile.blocks().max(blocks.len()), O::Open::default);
         }
         batches.resize_with(GROUP, || Kernels::NONE);
-        coming.pieces.clear();
+        coming.clear();
         let mut list = list.iter();
         let mut open: u64 = tile.visible_blocks().map(|block| 1 << block).sum();
         let mut count = 0;
         while open != 0 {
             let mut used = 0;
-            while used < GROUP && self.gather(&mut list, coming, &mut batches[used].slabs) {
+            while used < GROUP
+                && coming.gather(&mut list, (self.records, self.lens.closing), &mut batches[used].slabs)
+            {
                 apart(
                     simd,
                     #[inline(always)]
@@ -234,46 +157,6 @@ impl Compositor<'_> {
             }
         }
         count * PIXELS as u64
-    }
-
-    /// Takes the next records of a list, as many as go together; false if there is none.
-    fn gather(
-        &self,
-        list: &mut std::slice::Iter<AtomicU32>,
-        coming: &mut Coming,
-        slabs: &mut SlabColumns,
-    ) -> bool {
-        let Coming { records, pieces } = coming;
-        records.clear();
-        if !self.lens.closing.has_slabs() {
-            records.extend(list.by_ref().take(BATCH).map(|entry| entry.load(Ordering::Relaxed)));
-            return !records.is_empty();
-        }
-        while records.len() < BATCH {
-            let next = list.as_slice().first().map(|entry| entry.load(Ordering::Relaxed));
-            let slabs_of = |record: u32| {
-                let [first, last] = self.records[record as usize].amplitude_slope_or_slabs;
-                [first as u32, last as u32]
-            };
-            let piece = pieces.pop_front_if(|piece| next.is_none_or(|next| piece.first < slabs_of(next)[0]));
-            let (record, first) = match (&piece, next) {
-                (Some(piece), _) => (piece.record, piece.first),
-                (None, Some(next)) => {
-                    list.next();
-                    (next, slabs_of(next)[0])
-                }
-                (None, None) => break,
-            };
-            let mut last = slabs_of(record)[1];
-            let ends = last - first < MOST_OPEN;
-            if !ends {
-                pieces.push_back(Piece { record, first: first + MOST_OPEN });
-                last = first + MOST_OPEN - 1;
-            }
-            slabs.set(records.len(), [first, last], [piece.is_none(), ends]);
-            records.push(record);
-        }
-        !records.is_empty()
     }
 
     /// Brings records together.
@@ -411,64 +294,6 @@ impl Compositor<'_> {
             }
             shares = shares.rest(&own);
         }
-    }
-}
-
-/// A kernel that is shared out between the segments of a block's rays:
-/// share_j = Φ((z_{j+1} − z)/σ_z) − Φ((z_j − z)/σ_z).
-#[derive(Clone, Copy)]
-struct Shares<S: Simd> {
-    depth: W<S>,
-    /// 1/σ_z.
-    inverse: W<S>,
-    /// Where the next segment begins, and the share before it.
-    from: W<S>,
-    before: W<S>,
-}
-
-/// What a segment has of a kernel.
-struct Share<S: Simd> {
-    share: W<S>,
-    from: W<S>,
-    to: W<S>,
-    /// All until the segment's end.
-    before_end: W<S>,
-}
-
-impl<S: Simd> Shares<S> {
-    #[inline(always)]
-    fn new(simd: S, fragments: &Fragments<S>, near: f32) -> Self {
-        let Fragments { depth, sigma_z, .. } = *fragments;
-        let inverse = reciprocal(simd, sigma_z.max(W::simd_from(simd, 1e-20)));
-        let from = W::simd_from(simd, near);
-        Self { depth, inverse, from, before: normal_cdf(simd, (from - depth) * inverse) }
-    }
-
-    /// The share of the next segment, which ends at a depth.
-    #[inline(always)]
-    fn first(&self, simd: S, to: W<S>) -> Share<S> {
-        // No infinity times 0.
-        let end = to.min(W::simd_from(simd, 1e30));
-        let before_end = normal_cdf(simd, (end - self.depth) * self.inverse);
-        let share = (before_end - self.before).max(W::simd_from(simd, 0.0));
-        Share { share, from: self.from, to, before_end }
-    }
-
-    /// What is behind a segment.
-    #[inline(always)]
-    fn rest(self, segment: &Share<S>) -> Self {
-        Self { from: segment.to, before: segment.before_end, ..self }
-    }
-}
-
-impl<S: Simd> Share<S> {
-    /// Leaves of a whole kernel its share.
-    #[inline(always)]
-    fn cut(&self, simd: S, fragment: &mut Fragment<S>) {
-        let Fragment { kernels, number, optical_depth, depth, .. } = *fragment;
-        fragment.optical_depth = optical_depth * self.share;
-        fragment.alpha = kernels.opacity(simd, number, fragment.optical_depth);
-        fragment.depth = depth.max(self.from).min(self.to);
     }
 }
 

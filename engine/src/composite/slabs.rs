@@ -3,8 +3,9 @@
 //! The first two open slabs are in registers while kernels come that touch no others; for those that touch more, all are in
 //! memory.
 
+use super::before;
+use super::opening::{Fragment, Opening, Plain};
 use super::seen::{Seeing, Seen};
-use super::{Fragment, Opening, Plain, before};
 use crate::closing::{Closing, Slabs, share_of_box, share_of_normal};
 use crate::raster::{Kernels, SlabShare};
 use crate::simd::*;

@@ -3,8 +3,8 @@
 //! A window holds the last kernels of a block, from near to far at each pixel. A new one moves forward past those that it
 //! lies before, and the nearest leaves: where kernels come in the order of a pixel, that is all there is to do.
 
+use super::opening::{Fragment, Opening, Plain};
 use super::seen::{Seeing, Seen};
-use super::{Fragment, Opening, Plain};
 use crate::simd::*;
 use crate::tile::{PIXELS, Plane};
 

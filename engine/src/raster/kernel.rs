@@ -2,8 +2,9 @@
 
 use super::offsets::{Exact, HALF_LOG2_E};
 use super::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
+use super::slabs::SlabColumns;
 use crate::camera::Projection;
-use crate::closing::{BOX, Closing, Distances, Slabs, Spread};
+use crate::closing::Closing;
 use crate::footprint::{Kind, Lens, Record, Rect};
 use crate::simd::*;
 use crate::tile::{HALF_BLOCK, Tile};
@@ -33,90 +34,10 @@ pub(crate) struct KernelLens {
     pub(crate) is_taylor: bool,
 }
 
-/// The slabs of a batch of records, or of pieces of them.
-#[repr(C, align(64))]
-pub(crate) struct SlabColumns {
-    /// Slabs that may be touched.
-    pub(crate) first: [u32; BATCH],
-    pub(crate) last: [u32; BATCH],
-    /// See [`Distances`].
-    distance: Column,
-    slope: [Column; 2],
-    /// Change of the share before a distance, of a box.
-    share_slope: [Column; 2],
-    /// See [`Spread`].
-    inverse: Column,
-    half: Column,
-    normal_part: Column,
-    boxes: u64,
-    /// Boxes that touch no more than two slabs: shared out between the first and the next.
-    pub(crate) narrow: u64,
-    /// Pieces that begin, and that end, their records.
-    begin: u64,
-    end: u64,
-}
-
-impl SlabColumns {
-    const NONE: Self = Self {
-        first: [0; BATCH],
-        last: [0; BATCH],
-        distance: [0.0; BATCH],
-        slope: [[0.0; BATCH]; 2],
-        share_slope: [[0.0; BATCH]; 2],
-        inverse: [0.0; BATCH],
-        half: [0.0; BATCH],
-        normal_part: [0.0; BATCH],
-        boxes: 0,
-        narrow: 0,
-        begin: 0,
-        end: 0,
-    };
-
-    /// Takes in a piece of a record that reaches from its first to its last slab.
-    #[inline(always)]
-    pub(crate) fn set(&mut self, number: usize, [first, last]: [u32; 2], [begin, end]: [bool; 2]) {
-        let number = number % BATCH;
-        let is_narrow = begin && end && last <= first + 1;
-        self.narrow = self.narrow & !(1 << number) | u64::from(is_narrow) << number;
-        (self.first[number], self.last[number]) = (first, last);
-        self.begin = self.begin & !(1 << number) | u64::from(begin) << number;
-        self.end = self.end & !(1 << number) | u64::from(end) << number;
-    }
-
-    /// See [`Spread`].
-    #[inline(always)]
-    pub(crate) fn inverse(&self, number: usize) -> f32 {
-        self.inverse[number]
-    }
-
-    /// How a record's piece is shared out between some of its slabs.
-    #[inline(always)]
-    pub(crate) fn share(&self, number: usize, [first, last]: [u32; 2]) -> SlabShare {
-        let has = |set: u64| set >> number & 1 != 0;
-        SlabShare {
-            inverse: self.inverse[number],
-            normal_part: self.normal_part[number],
-            goes_on: !has(self.begin) && first == self.first[number],
-            ends: has(self.end) || last < self.last[number],
-        }
-    }
-}
-
-/// See [`SlabColumns::share`].
-pub(crate) struct SlabShare {
-    /// See [`Spread`].
-    pub(crate) inverse: f32,
-    pub(crate) normal_part: f32,
-    /// Whether slabs before the first one have had their share.
-    pub(crate) goes_on: bool,
-    /// Whether the last slab gets what is left.
-    pub(crate) ends: bool,
-}
-
 /// Volume records of a tile, as many as go together, and what follows from them.
 #[repr(C, align(64))]
 pub(crate) struct Kernels {
-    outlines: Outlines,
+    pub(super) outlines: Outlines,
     /// α as a polynomial of w = e^{−r/2} without constant term, where a kernel is plain.
     alpha: [Column; 3],
     /// −kr where they end.
@@ -206,42 +127,6 @@ impl Kernels {
             self.slabs.narrow &= self.slabs.boxes;
         }
         self.masks = self.outlines.blocks(simd, tile, !hidden, rect);
-    }
-
-    /// Finds how sixteen records are spread over slabs.
-    #[inline(always)]
-    fn prepare_slabs<S: Simd>(&mut self, simd: S, (tile, slabs): (Tile, &Slabs), first: usize) {
-        let outlines = &self.outlines;
-        let range = first..first + 16;
-        let mean = [0, 1].each(
-            #[inline(always)]
-            |axis| sixteen(simd, &outlines.mean[axis], first) + (tile.origin[axis] as f32 + 0.5),
-        );
-        let slope = sixteen_of(simd, &outlines.depth_slope, first);
-        let (depth, sigma_z) =
-            (sixteen(simd, &outlines.depth, first), sixteen(simd, &outlines.sigma_z, first));
-        let Distances { center, slope, sigma } = slabs.distances(simd, mean, (depth, slope, sigma_z));
-        let Spread { inverse, half, normal_part } = slabs.spread(simd, sigma);
-        let per_pixel = inverse * (-1.0 / BOX);
-        let SlabColumns {
-            distance,
-            slope: slopes,
-            share_slope,
-            inverse: inverses,
-            half: halves,
-            normal_part: normal_parts,
-            boxes,
-            ..
-        } = &mut self.slabs;
-        center.store_slice(&mut distance[range.clone()]);
-        slope[0].store_slice(&mut slopes[0][range.clone()]);
-        slope[1].store_slice(&mut slopes[1][range.clone()]);
-        (slope[0] * per_pixel).store_slice(&mut share_slope[0][range.clone()]);
-        (slope[1] * per_pixel).store_slice(&mut share_slope[1][range.clone()]);
-        normal_part.store_slice(&mut normal_parts[range.clone()]);
-        inverse.store_slice(&mut inverses[range.clone()]);
-        half.store_slice(&mut halves[range]);
-        *boxes |= normal_part.simd_le(W::simd_from(simd, 0.0)).to_bitmask() << first;
     }
 
     /// Finds what follows from sixteen records.
@@ -372,64 +257,9 @@ impl Kernels {
     }
 
     #[inline(always)]
-    fn affine_optical_depth<S: Simd>(&self, simd: S, number: usize, exponent: W<S>) -> W<S> {
+    pub(super) fn affine_optical_depth<S: Simd>(&self, simd: S, number: usize, exponent: W<S>) -> W<S> {
         let strength = self.weight(simd, number, exponent) * self.amplitude[number];
         if self.is_opacity(number) { optical_depth(simd, strength) } else { strength }
-    }
-
-    /// The optical depth of a plain kernel that is spread as a box at pixels, and its share before a distance.
-    #[inline(always)]
-    pub(crate) fn plain_share_before<S: Simd>(
-        &self,
-        simd: S,
-        number: usize,
-        pixels: [W<S>; 2],
-        plane: f32,
-    ) -> (W<S>, W<S>) {
-        let offsets = self.outlines.offsets(simd, number, pixels);
-        let optical_depth = self.affine_optical_depth(simd, number, offsets.exponent);
-        let SlabColumns { distance, share_slope: [x, y], inverse, .. } = &self.slabs;
-        let at_mean = (plane - distance[number]).mul_add(inverse[number] * (1.0 / BOX), 0.5);
-        let share = offsets.linear(simd, at_mean, [x[number], y[number]]);
-        (optical_depth, share.max(W::simd_from(simd, 0.0)).min(W::simd_from(simd, 1.0)))
-    }
-
-    /// The distance of a kernel in the affine form at pixels.
-    #[inline(always)]
-    pub(crate) fn affine_distance<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
-        let SlabColumns { distance, slope: [x, y], .. } = &self.slabs;
-        self.outlines.offsets(simd, number, pixels).linear(simd, distance[number], [x[number], y[number]])
-    }
-
-    /// The distance of a kernel of any form at pixels, from its z there.
-    #[inline(always)]
-    pub(crate) fn distance<S: Simd>(
-        &self,
-        simd: S,
-        number: usize,
-        (pixels, depth): ([W<S>; 2], W<S>),
-        (tile, lens): (Tile, &KernelLens),
-    ) -> W<S> {
-        if self.outlines.is_exact(number) {
-            depth * ray_lengths(simd, &lens.lens, in_picture(pixels, tile))
-        } else {
-            self.affine_distance(simd, number, pixels)
-        }
-    }
-
-    /// The slabs that a record, or a piece of one, may touch in the block with a corner.
-    #[inline(always)]
-    pub(crate) fn slabs_in(&self, number: usize, corner: [f32; 2], slabs: &Slabs) -> [u32; 2] {
-        let SlabColumns { first, last, distance, slope, half, .. } = &self.slabs;
-        let (first, last) = (first[number], last[number]);
-        if self.outlines.is_exact(number) {
-            return [first, last];
-        }
-        let [x, y] = [0, 1].map(|axis| corner[axis] + HALF_BLOCK - self.outlines.mean[axis][number]);
-        let slope = [slope[0][number], slope[1][number]];
-        let middle = slope[0].mul_add(x, slope[1].mul_add(y, distance[number]));
-        let half = (slope[0].abs() + slope[1].abs()).mul_add(HALF_BLOCK, half[number]);
-        slabs.numbers_at([middle - half, middle + half]).map(|number| number.clamp(first, last))
     }
 
     /// z at pixels.
@@ -474,7 +304,7 @@ impl Kernels {
 
 /// Centres of a tile's pixels, from the picture's corner.
 #[inline(always)]
-fn in_picture<S: Simd>(pixels: [W<S>; 2], tile: Tile) -> [W<S>; 2] {
+pub(super) fn in_picture<S: Simd>(pixels: [W<S>; 2], tile: Tile) -> [W<S>; 2] {
     [0, 1].each(
         #[inline(always)]
         |axis| pixels[axis] + (tile.origin[axis] as f32 + 0.5),
@@ -483,7 +313,7 @@ fn in_picture<S: Simd>(pixels: [W<S>; 2], tile: Tile) -> [W<S>; 2] {
 
 /// |v| of the rays through pixels.
 #[inline(always)]
-fn ray_lengths<S: Simd>(simd: S, lens: &Lens, [x, y]: [W<S>; 2]) -> W<S> {
+pub(super) fn ray_lengths<S: Simd>(simd: S, lens: &Lens, [x, y]: [W<S>; 2]) -> W<S> {
     if lens.projection == Projection::Orthographic {
         return W::simd_from(simd, 1.0);
     }

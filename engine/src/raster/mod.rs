@@ -6,8 +6,10 @@
 mod kernel;
 mod offsets;
 mod outline;
+mod slabs;
 mod surfel;
 
-pub(crate) use kernel::{Fragments, KernelLens, Kernels, SlabColumns, SlabShare};
+pub(crate) use kernel::{Fragments, KernelLens, Kernels};
 pub(crate) use outline::BATCH;
+pub(crate) use slabs::{SlabColumns, SlabShare};
 pub(crate) use surfel::{Surfaces, Surfel, SurfelLens, Surfels};

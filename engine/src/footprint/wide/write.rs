@@ -13,6 +13,18 @@ use crate::simd::*;
 /// The least and the greatest distance so far, lane by lane.
 pub(super) type Ends<S> = [V<S>; 2];
 
+/// What is drawn of eight splats, besides their footprints and looks.
+struct Drawn<S: Simd> {
+    visible: u32,
+    exact: M<S>,
+    /// What they are sorted by.
+    distance: V<S>,
+    /// Of amplitudes, or the slabs.
+    slope: [V<S>; 2],
+    /// Left, top, right and bottom in pixels.
+    edges: [V<S>; 4],
+}
+
 impl WideProjector<'_> {
     #[inline(always)]
     pub(super) fn push<S: Simd>(
@@ -49,7 +61,7 @@ impl WideProjector<'_> {
             }
             ends[0] = seen.select(distance, ends[0]).min(ends[0]);
             ends[1] = seen.select(distance, ends[1]).max(ends[1]);
-            let drawn = (visible, exact, (distance, slope), [left, top, right, bottom]);
+            let drawn = Drawn { visible, exact, distance, slope, edges: [left, top, right, bottom] };
             self.write(simd, drawn, (placed, footprints, looks), out);
             if range.is_surface {
                 self.write_samples(simd, (range, first, visible), looks.normal, (start, out.samples));
@@ -114,10 +126,11 @@ impl WideProjector<'_> {
     fn write<S: Simd>(
         &self,
         simd: S,
-        (visible, exact, (distance, other), edges): (u32, M<S>, (V<S>, [V<S>; 2]), [V<S>; 4]),
+        drawn: Drawn<S>,
         (placed, footprints, looks): (&Placed<S>, &Footprints<S>, &Looks<S>),
         out: &mut Places,
     ) {
+        let Drawn { visible, exact, distance, slope: other, edges } = drawn;
         let mut amplitude = looks.amplitude;
         let kind = match self.scalar.cloud.columns().kind {
             columns::Kind::Extinction => Kind::Extinction,

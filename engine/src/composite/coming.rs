@@ -1,0 +1,69 @@
+//! The records of a tile's list, batch by batch.
+
+use super::slabs::MOST_OPEN;
+use crate::closing::Closing;
+use crate::footprint::Record;
+use crate::raster::{BATCH, SlabColumns};
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// Records of a batch, and pieces of records that are still to come.
+#[derive(Default)]
+pub(super) struct Coming {
+    pub(super) records: Vec<u32>,
+    /// By their first slab: all are cut to the same length.
+    pieces: VecDeque<Piece>,
+}
+
+/// What lies from a slab on, of a record.
+struct Piece {
+    record: u32,
+    first: u32,
+}
+
+impl Coming {
+    /// Begins with a list.
+    pub(super) fn clear(&mut self) {
+        self.pieces.clear();
+    }
+
+    /// Takes the next records of a list, as many as go together; false if there is none.
+    pub(super) fn gather(
+        &mut self,
+        list: &mut std::slice::Iter<AtomicU32>,
+        (all, closing): (&[Record], Closing),
+        slabs: &mut SlabColumns,
+    ) -> bool {
+        let Self { records, pieces } = self;
+        records.clear();
+        if !closing.has_slabs() {
+            records.extend(list.by_ref().take(BATCH).map(|entry| entry.load(Ordering::Relaxed)));
+            return !records.is_empty();
+        }
+        while records.len() < BATCH {
+            let next = list.as_slice().first().map(|entry| entry.load(Ordering::Relaxed));
+            let slabs_of = |record: u32| {
+                let [first, last] = all[record as usize].amplitude_slope_or_slabs;
+                [first as u32, last as u32]
+            };
+            let piece = pieces.pop_front_if(|piece| next.is_none_or(|next| piece.first < slabs_of(next)[0]));
+            let (record, first) = match (&piece, next) {
+                (Some(piece), _) => (piece.record, piece.first),
+                (None, Some(next)) => {
+                    list.next();
+                    (next, slabs_of(next)[0])
+                }
+                (None, None) => break,
+            };
+            let mut last = slabs_of(record)[1];
+            let ends = last - first < MOST_OPEN;
+            if !ends {
+                pieces.push_back(Piece { record, first: first + MOST_OPEN });
+                last = first + MOST_OPEN - 1;
+            }
+            slabs.set(records.len(), [first, last], [piece.is_none(), ends]);
+            records.push(record);
+        }
+        !records.is_empty()
+    }
+}

@@ -1,0 +1,78 @@
+//! What policies of closing have in common.
+
+use super::seen::{Seeing, Seen};
+use crate::raster::{BATCH, Kernels};
+use crate::simd::*;
+
+/// A policy at work on the rays of a block, in registers.
+pub(super) trait Opening<S: Simd>: Sized {
+    /// What stays open from one batch to the next, in memory.
+    type Open: Default;
+    /// Whether anything does.
+    const KEEPS_OPEN: bool;
+    /// What is the same for all blocks.
+    type Policy: Copy;
+
+    /// Takes up what is seen and open.
+    fn load(simd: S, seen: &Seen, open: &mut Self::Open) -> Self;
+
+    /// Puts it back.
+    fn store(self, seen: &mut Seen, open: &mut Self::Open);
+
+    /// Without what is open.
+    fn seen(&self) -> &Seeing<S>;
+
+    /// Adds a set of plain kernels, whole, in their order.
+    fn add_plain<const DEPTH: bool>(
+        &mut self,
+        simd: S,
+        plain: Plain<S>,
+        policy: Self::Policy,
+        open: &mut Self::Open,
+    );
+
+    /// Adds any kernel, or a share of one.
+    fn add<const DEPTH: bool>(
+        &mut self,
+        simd: S,
+        fragment: Fragment<S>,
+        policy: Self::Policy,
+        open: &mut Self::Open,
+    );
+
+    /// Closes what is open.
+    fn finish<const DEPTH: bool>(&mut self, simd: S, policy: Self::Policy, open: &mut Self::Open);
+}
+
+/// A set of a batch's kernels, to be evaluated at the pixels of a block.
+#[derive(Clone, Copy)]
+pub(super) struct Plain<'a, S: Simd> {
+    pub(super) kernels: &'a Kernels,
+    pub(super) set: u64,
+    pub(super) corner: [f32; 2],
+    pub(super) pixels: [W<S>; 2],
+}
+
+impl<S: Simd> Plain<'_, S> {
+    /// The next kernel of the set, which it leaves.
+    #[inline(always)]
+    pub(super) fn next(&mut self) -> Option<usize> {
+        let number = self.set.trailing_zeros() as usize;
+        self.set &= self.set.wrapping_sub(1);
+        (number < BATCH).then_some(number)
+    }
+}
+
+/// A kernel of a batch, or a share of it, at the pixels of a block. What a policy doesn't read is not computed.
+#[derive(Clone, Copy)]
+pub(super) struct Fragment<'a, S: Simd> {
+    pub(super) kernels: &'a Kernels,
+    pub(super) number: usize,
+    pub(super) corner: [f32; 2],
+    pub(super) alpha: W<S>,
+    pub(super) optical_depth: W<S>,
+    /// z, and the distance from the eye.
+    pub(super) depth: W<S>,
+    pub(super) distance: W<S>,
+    pub(super) color: [f32; 3],
+}
