@@ -6,7 +6,9 @@ mod surfels;
 pub(crate) mod volumes;
 
 use glam::DVec3;
-use oblate::engine::{Blend, Camera, Channels, Cloud, FootprintForm, Light, Pose, RenderSettings, Scene};
+use oblate::engine::{
+    Blend, Camera, Channels, Cloud, FootprintForm, Light, Order, Pose, RenderSettings, Scene,
+};
 use volumes::{
     ANEURISM, ANEURISM_FROM_25, CHECKERS, ENGINE, ENGINE_FROM_71, GLASS, checker_box, engine_surface,
     kernels, volume,
@@ -58,16 +60,19 @@ pub(crate) fn works() -> Vec<Work> {
         ..RenderSettings::default()
     };
     let unshaded = RenderSettings { shade: false, ..shaded };
-    let form = |footprint| RenderSettings { footprint, ..shaded };
+    let form = |footprint| RenderSettings { footprint, order: Order::Centers, ..shaded };
+    let ordered = |order| RenderSettings { order, ..shaded };
     let frame = |name, camera, settings| Frame { name, camera, settings };
     let [small, large] = [400, 1024].map(|side| volume_camera(ENGINE_EXTENT, side));
     let both = || vec![frame("1024", large, shaded), frame("400", small, shaded)];
     let y03 = |extent| vec![frame("400", volume_camera(extent, 400), shaded)];
     let forms = || {
         vec![
-            frame("auto", trained_camera(), shaded),
+            frame("auto", trained_camera(), form(FootprintForm::Auto)),
             frame("affine", trained_camera(), form(FootprintForm::Affine)),
             frame("exact", trained_camera(), form(FootprintForm::Exact)),
+            frame("per pixel", trained_camera(), ordered(Order::PerPixel)),
+            frame("slabs 2", trained_camera(), ordered(Order::Slabs { thickness: 2.0 })),
         ]
     };
     let surfels = || vec![frame("1024", surfel_camera(), shaded)];
@@ -77,7 +82,12 @@ pub(crate) fn works() -> Vec<Work> {
             || lit(vec![kernels(&volume(ENGINE), GLASS)]),
             vec![
                 frame("shaded 1024", large, shaded),
+                frame("centers 1024", large, ordered(Order::Centers)),
+                frame("per pixel 1024", large, ordered(Order::PerPixel)),
+                frame("slabs 2.45 1024", large, ordered(Order::Slabs { thickness: 2.45 })),
+                frame("slabs 1 1024", large, ordered(Order::Slabs { thickness: 1.0 })),
                 frame("shaded 400", small, shaded),
+                frame("centers 400", small, ordered(Order::Centers)),
                 frame("unshaded 1024", large, unshaded),
                 frame("unshaded 400", small, unshaded),
             ],
