@@ -5,6 +5,7 @@
 
 mod baselines;
 mod convergence;
+mod depths;
 mod mixed;
 mod overlaps;
 #[path = "../scenes/mod.rs"]
