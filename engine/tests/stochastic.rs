@@ -32,9 +32,9 @@ struct Own {
 /// R1 is right to 1e-5, and its pixels are f32.
 const OF_R1: Own = Own { largest: 1.1e-5, mean: 1.1e-5 };
 
-/// What is drawn is within a level of R1, by what orders are tested for, and is asked to be within a tenth of that in the
-/// mean. At even odds the standard error of a pixel is two levels, so that most of what is allowed there is chance; that
-/// of the mean over a picture is a tenth of a level too.
+/// What is drawn is asked to be within a level of R1 at a pixel, and within a tenth of that in the mean. At even odds the
+/// standard error of a pixel is two levels, so that most of what is allowed there is chance; that of the mean over a
+/// picture is a tenth of a level too.
 const OF_ORDERS: Own = Own { largest: LEVEL, mean: LEVEL / 10.0 };
 
 /// How far an estimate is from a picture.
