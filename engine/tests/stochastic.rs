@@ -1,4 +1,5 @@
-//! The estimator without any order against R1, which integrates: they share how a splat is met, and no more.
+//! The estimator without any order against R1, which integrates: they share how a splat is met, and no more. And what is
+//! drawn against both.
 
 #![allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
 
@@ -8,16 +9,33 @@ use glam::{DVec3, Vec3};
 use oblate_engine::cloud::oblate_factor;
 use oblate_engine::reference::{Estimate, stochastic};
 use oblate_engine::{
-    Blend, Camera, Cloud, Frame, Light, Material, OpacityFilter, Pose, ReferenceKind, RenderSettings, Scene,
-    SceneError, Shapes, Splats, Strength, reference,
+    Blend, Camera, Cloud, Frame, Light, Material, OpacityFilter, Order, Pose, ReferenceKind, RenderSettings,
+    Scene, SceneError, Shapes, Splats, Strength, reference, render,
 };
 use scenes::*;
 
 /// A standard error of 1/128 at even odds.
 const SAMPLES: u32 = 4096;
 
+/// A level of a picture with 8 bits.
+const LEVEL: f64 = 1.0 / 255.0;
+
+/// How far a picture may be off by itself.
+#[derive(Clone, Copy)]
+struct Own {
+    /// At a pixel.
+    largest: f64,
+    /// In the mean of a channel over all pixels.
+    mean: f64,
+}
+
 /// R1 is right to 1e-5, and its pixels are f32.
-const ERROR_OF_R1: f64 = 1.1e-5;
+const OF_R1: Own = Own { largest: 1.1e-5, mean: 1.1e-5 };
+
+/// What is drawn is asked to be within a level of R1 at a pixel, and within a tenth of that in the mean. At even odds the
+/// standard error of a pixel is two levels, so that most of what is allowed there is chance; that of the mean over a
+/// picture is a tenth of a level too.
+const OF_ORDERS: Own = Own { largest: LEVEL, mean: LEVEL / 10.0 };
 
 /// How far an estimate is from a picture.
 #[derive(Debug)]
@@ -25,30 +43,37 @@ struct Found {
     /// Shares of channels beyond three and six standard errors.
     beyond: [f64; 2],
     largest: f64,
-    /// Sums of differences over the roots of sums of squared errors, for each channel.
+    /// Mean differences, and in units of their standard errors, for each channel.
+    mean: [f64; 4],
     bias: [f64; 4],
 }
 
-fn compare(estimate: &Estimate, frame: &Frame) -> Found {
-    let mut found = Found { beyond: [0.0; 2], largest: 0.0, bias: [0.0; 4] };
-    let count = (4 * frame.color.len()) as f64;
+/// Compares at some pixels; errors count from where the picture's own end.
+fn compare_at(places: &[usize], estimate: &Estimate, frame: &Frame, own: Own) -> Found {
+    let mut found = Found { beyond: [0.0; 2], largest: 0.0, mean: [0.0; 4], bias: [0.0; 4] };
+    let pixels = places.len() as f64;
     let mut variance = [0.0; 4];
-    for (place, errors) in estimate.standard_error.iter().enumerate() {
-        for (channel, error) in errors.iter().enumerate() {
+    for place in places.iter().copied() {
+        for (channel, error) in estimate.standard_error[place].iter().enumerate() {
             let off = estimate.color[place][channel] - f64::from(frame.color[place][channel]);
-            let errors = (off.abs() - ERROR_OF_R1).max(0.0) / error.max(f64::MIN_POSITIVE);
+            let errors = (off.abs() - own.largest).max(0.0) / error.max(f64::MIN_POSITIVE);
             for (beyond, limit) in found.beyond.iter_mut().zip([3.0, 6.0]) {
-                *beyond += if errors > limit { 1.0 / count } else { 0.0 };
+                *beyond += if errors > limit { 0.25 / pixels } else { 0.0 };
             }
             found.largest = found.largest.max(errors);
-            found.bias[channel] += off;
-            variance[channel] += error * error;
+            found.mean[channel] += off / pixels;
+            variance[channel] += (error / pixels).powi(2);
         }
     }
-    for (bias, variance) in found.bias.iter_mut().zip(variance) {
-        *bias = (bias.abs() - 0.25 * count * ERROR_OF_R1).max(0.0) / variance.sqrt().max(f64::MIN_POSITIVE);
+    for (channel, variance) in variance.into_iter().enumerate() {
+        let off = (found.mean[channel].abs() - own.mean).max(0.0);
+        found.bias[channel] = off / variance.sqrt().max(f64::MIN_POSITIVE);
     }
     found
+}
+
+fn compare(estimate: &Estimate, frame: &Frame) -> Found {
+    compare_at(&(0..frame.color.len()).collect::<Vec<_>>(), estimate, frame, OF_R1)
 }
 
 fn r1(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> Frame {
@@ -57,21 +82,37 @@ fn r1(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> Frame {
 
 /// Of independent channels 0.27 % are beyond three errors, and the mean of all is beyond 4.5 with a probability of
 /// 7e-6.
-fn assert_converges(name: &str, scene: &Scene, camera: &Camera, settings: &RenderSettings) {
-    let frame = r1(scene, camera, settings);
-    let estimate = stochastic(scene, camera, settings, SAMPLES, 1).unwrap();
-    let found = compare(&estimate, &frame);
+fn assert_close(name: &str, found: &Found) {
     println!(
-        "{name}: {:.2} % beyond 3, largest {:.1}, bias {:.1?}",
+        "{name}: {:.2} % beyond 3, largest {:.1}, mean {:.6?}, bias {:.1?}",
         100.0 * found.beyond[0],
         found.largest,
+        found.mean,
         found.bias
     );
-    let lit = frame.color.iter().filter(|pixel| (0.02..0.98).contains(&pixel[0])).count();
-    assert!(lit > frame.color.len() / 8, "{name}: only {lit} pixels tell anything");
     assert!(found.beyond[0] <= 0.005 && found.beyond[1] == 0.0, "{name}: {found:?}");
     assert!(found.bias.iter().all(|bias| *bias < 4.5), "{name}: {found:?}");
 }
+
+/// Estimates a scene, and compares R1 with that, and what orders draw where there are no edges.
+fn assert_converges(name: &str, scene: &Scene, camera: &Camera, settings: &RenderSettings, orders: &[Order]) {
+    let frame = r1(scene, camera, settings);
+    let estimate = stochastic(scene, camera, settings, SAMPLES, 1).unwrap();
+    let lit = frame.color.iter().filter(|pixel| (0.02..0.98).contains(&pixel[0])).count();
+    assert!(lit > frame.color.len() / 8, "{name}: only {lit} pixels tell anything");
+    assert_close(name, &compare(&estimate, &frame));
+    let places = smooth(&frame, &scene.clouds, camera);
+    assert!(places.len() > frame.color.len() * 7 / 10, "{name}: only {} pixels are no edges", places.len());
+    for order in orders {
+        // Less than a level: a kernel of opacity ends where it falls below the tolerance, and several end in a pixel.
+        let settings = RenderSettings { order: *order, tolerance: LEVEL / 8.0, ..*settings };
+        let drawn = render(scene, camera, &settings, &()).unwrap();
+        assert_close(&format!("{name}, {order:?}"), &compare_at(&places, &estimate, &drawn, OF_ORDERS));
+    }
+}
+
+const THICK: Order = Order::Slabs { thickness: 2.0 };
+const THIN: Order = Order::Slabs { thickness: 1.0 };
 
 fn at(x: f64, y: f64, z: f64, cloud: &Cloud) -> Cloud {
     cloud.clone().transformed(tilted(0.0, DVec3::new(x, y, z)))
@@ -125,11 +166,11 @@ fn blue_fog(extinction: f64) -> Cloud {
 #[test]
 fn opaque_mesh_in_fog() {
     let scene = scene(vec![blue_fog(0.7), sphere(1500, 0.7, [0.9, 0.4, 0.1])]);
-    assert_converges("opaque mesh in fog", &scene, &view(), &unshaded());
+    assert_converges("opaque mesh in fog", &scene, &view(), &unshaded(), &[THICK, THIN]);
 }
 
-#[test]
-fn translucent_quad_between_kernels() {
+/// Kernels that a translucent quad goes through, drawn in orders.
+fn check_quad(orders: &[Order]) {
     let color = |red: f32| [red, 0.5, 1.0 - red];
     let ball = |x, z, red| {
         at(x, 0.2 * x, z, &kernels(vec![Vec3::ZERO], oblate_factor(Vec3::X, 0.4, 1.6), 1.5, color(red)))
@@ -142,20 +183,34 @@ fn translucent_quad_between_kernels() {
         Light::Point { position: DVec3::new(1.0, 3.0, -3.0), color: [1.0, 0.9, 0.8] },
     ];
     let settings = RenderSettings { background: [0.1, 0.3, 0.2, 0.6], ..RenderSettings::default() };
-    assert_converges("translucent quad between kernels", &Scene { clouds, lights }, &view(), &settings);
+    let scene = Scene { clouds, lights };
+    assert_converges("translucent quad between kernels", &scene, &view(), &settings, orders);
+}
+
+#[test]
+fn translucent_quad_between_kernels() {
+    check_quad(&[]);
+}
+
+#[test]
+#[ignore = "the share of a kernel that lies before a cut is spread over slabs as all of it would be"]
+fn kernels_that_are_cut_are_drawn_where_they_are() {
+    check_quad(&[THIN]);
+    check_inside(true, &[THIN]);
 }
 
 #[test]
 fn cloud_inside_a_volume() {
     let scene = scene(vec![trained(30), blue_fog(0.8)]);
-    assert_converges("cloud inside a volume", &scene, &view(), &unshaded());
+    // Kernels of the cloud are as thin as a quarter of a slab of two σ, each in a colour of its own.
+    assert_converges("cloud inside a volume", &scene, &view(), &unshaded(), &[THIN]);
 }
 
 #[test]
 fn two_volumes_that_overlap() {
     let red = fog([9; 3], DVec3::splat(0.2), 1.2, [0.9, 0.3, 0.1]);
     let scene = scene(vec![at(0.4, 0.2, -0.3, &red), at(-0.4, 0.0, 0.2, &blue_fog(0.9))]);
-    assert_converges("two volumes that overlap", &scene, &view(), &unshaded());
+    assert_converges("two volumes that overlap", &scene, &view(), &unshaded(), &[THICK, THIN]);
 }
 
 #[test]
@@ -167,24 +222,27 @@ fn one_surface_before_another_in_fog() {
         at(0.0, 0.0, 0.5, &quad(0.7, -20.0)),
         at(0.3, 0.0, 1.0, &sphere(900, 0.6, [0.3, 0.9, 0.2])),
     ]);
-    assert_converges("one surface before another", &scene, &view(), &unshaded());
+    assert_converges("one surface before another", &scene, &view(), &unshaded(), &[THICK, THIN]);
+}
+
+/// A camera amid all that there is, its rays parallel or not, drawn in orders.
+fn check_inside(is_parallel: bool, orders: &[Order]) {
+    let ball = at(0.5, 0.2, 0.6, &sphere(400, 0.3, [0.9, 0.3, 0.1]));
+    let scene = scene(vec![blue_fog(0.5), trained(30), quad(0.5, 50.0), ball]);
+    let pose = Pose::look_at(DVec3::new(0.1, 0.2, -0.35), DVec3::new(0.2, 0.1, 1.0), DVec3::Y).unwrap();
+    let camera = if is_parallel {
+        Camera::orthographic(pose, 1.6, [28; 2]).unwrap().with_near(0.2).unwrap()
+    } else {
+        Camera::perspective(pose, 1.2, [28; 2]).unwrap()
+    };
+    let name = format!("camera inside all, parallel {is_parallel}");
+    assert_converges(&name, &scene, &camera, &unshaded(), orders);
 }
 
 #[test]
 fn camera_inside_all() {
-    let clouds = || {
-        vec![
-            blue_fog(0.5),
-            trained(30),
-            quad(0.5, 50.0),
-            at(0.5, 0.2, 0.6, &sphere(400, 0.3, [0.9, 0.3, 0.1])),
-        ]
-    };
-    let pose = Pose::look_at(DVec3::new(0.1, 0.2, -0.35), DVec3::new(0.2, 0.1, 1.0), DVec3::Y).unwrap();
-    let wide = Camera::perspective(pose, 1.2, [28; 2]).unwrap();
-    assert_converges("camera inside all", &scene(clouds()), &wide, &unshaded());
-    let cut = Camera::orthographic(pose, 1.6, [28; 2]).unwrap().with_near(0.2).unwrap();
-    assert_converges("camera inside all, parallel", &scene(clouds()), &cut, &unshaded());
+    check_inside(false, &[THIN]);
+    check_inside(true, &[]);
 }
 
 #[test]
@@ -192,10 +250,12 @@ fn kernels_that_are_ordered_by_their_centres() {
     let settings = RenderSettings { background: [0.3, 0.1, 0.5, 0.4], ..unshaded() };
     for blend in [Blend::Linear, Blend::Display] {
         let settings = RenderSettings { blend, ..settings };
-        assert_converges("by centres", &scene(vec![trained(40)]), &view(), &settings);
+        let scene = scene(vec![trained(40)]);
+        assert_converges("by centres", &scene, &view(), &settings, &[Order::Centers]);
     }
     let inside = looking_from(DVec3::new(0.3, 0.2, -0.5), 28).with_near(0.2).unwrap();
-    assert_converges("by centres, inside", &scene(vec![trained(40)]), &inside, &settings);
+    let scene = scene(vec![trained(40)]);
+    assert_converges("by centres, inside", &scene, &inside, &settings, &[Order::Centers]);
 }
 
 #[test]

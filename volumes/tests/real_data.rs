@@ -2,40 +2,16 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on stops")]
 
-use std::io::Read;
-use std::path::PathBuf;
+mod common;
 
-use flate2::read::GzDecoder;
-use glam::DVec3;
+use common::{real_bytes, real_engine, real_head};
 use oblate_volumes::{
     GridFrame, IsoSettings, KernelSettings, PRESETS, Volume, Voxels, iso_surfels, propose_iso, to_kernels,
 };
 
-/// The bytes of a gzipped file of the test data; `None`, said aloud, if it is not there.
-fn bytes(name: &str) -> Option<Vec<u8>> {
-    let root = std::env::var_os("OBLATE_DATA").map_or_else(
-        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")),
-        PathBuf::from,
-    );
-    let path = root.join("volumes").join(name);
-    let Ok(file) = std::fs::File::open(&path) else {
-        assert!(
-            std::env::var_os("OBLATE_REQUIRE_DATA").is_none_or(|v| v != "1"),
-            "{} is missing",
-            path.display()
-        );
-        println!("skipped: {} is missing", path.display());
-        return None;
-    };
-    let mut bytes = Vec::new();
-    GzDecoder::new(file).read_to_end(&mut bytes).unwrap();
-    Some(bytes)
-}
-
 #[test]
 fn engine() {
-    let Some(bytes) = bytes("engine_256x256x128_uint8.raw.gz") else { return };
-    let volume = Volume::new([256, 256, 128], Voxels::U8(bytes), GridFrame::default()).unwrap();
+    let Some(volume) = real_engine() else { return };
     // Between air (around 3) and aluminium (around 140).
     let iso = propose_iso(&volume).unwrap();
     assert!((60.0..150.0).contains(&iso), "{iso}");
@@ -50,10 +26,7 @@ fn engine() {
 
 #[test]
 fn head() {
-    let Some(bytes) = bytes("CThead_256x256x113_uint16be.raw.gz") else { return };
-    let values = bytes.chunks_exact(2).map(|pair| u16::from_be_bytes([pair[0], pair[1]])).collect();
-    let frame = GridFrame { spacing: DVec3::new(1.0, 1.0, 2.0), ..GridFrame::default() };
-    let volume = Volume::new([256, 256, 113], Voxels::U16(values), frame).unwrap();
+    let Some(volume) = real_head() else { return };
     // Skin: between air (below 300) and soft tissue (around 1050).
     let iso = propose_iso(&volume).unwrap();
     assert!((300.0..1000.0).contains(&iso), "{iso}");
@@ -61,7 +34,7 @@ fn head() {
 
 #[test]
 fn aneurism() {
-    let Some(bytes) = bytes("aneurism_256x256x256_uint8.raw.gz") else { return };
+    let Some(bytes) = real_bytes("aneurism_256x256x256_uint8.raw.gz") else { return };
     let volume = Volume::new([256; 3], Voxels::U8(bytes), GridFrame::default()).unwrap();
     let transfer = PRESETS[0].fit(&volume).unwrap();
     // 99 % are empty; what is left must not be lost for being little.

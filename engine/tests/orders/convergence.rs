@@ -70,26 +70,15 @@ fn slabs_of_any_thickness_up_to_two_are_the_integral() {
     assert!(wrong.is_empty(), "slabs of {wrong:?}");
 }
 
-/// Extinction kernels in a ball of radius 1 whose half-axes are log-normal, each by itself: median 0.1, 0.6 in the
-/// logarithm. A ray passes about forty, with an optical depth of 5 in all.
+/// Extinction kernels of all sizes in a ball. A ray passes about forty, with an optical depth of 5 in all.
 fn mixed_sizes() -> Cloud {
     let indices = 0..2000;
-    // The sum of four numbers that are evenly spread, of variance 1/12 each, is close to normal.
-    let normal = |i: usize, k: usize| {
-        let sum: f32 = (0..4).map(|j| spread(i * 12 + k * 4 + j, 0.618_034) - 0.5).sum();
-        sum * 3.0_f32.sqrt()
-    };
-    let factor = |i: usize| {
-        let axes = [0, 1, 2].map(|k| 0.1 * (0.6 * normal(i, k)).exp());
-        turned(i) * Mat3::from_diagonal(Vec3::from(axes))
-    };
-    let center = |i: usize| turned(i + 1000) * Vec3::Z * spread(i, 0.819_173).cbrt();
-    let mass = |i: usize| mass_of(0.05 + 0.15 * spread(i, 0.414_214), factor(i));
+    let mass = |i: usize| mass_of(0.05 + 0.15 * spread(i, 0.414_214), any_shape(i));
     splats(
-        indices.clone().map(center).collect(),
-        indices.clone().map(factor).collect(),
+        indices.clone().map(in_ball).collect(),
+        indices.clone().map(any_shape).collect(),
         Strength::Extinction { masses: indices.clone().map(mass).collect() },
-        indices.map(|i| [0.618_034, 0.754_878, 0.569_840].map(|stride| spread(i, stride))).collect(),
+        indices.map(any_color).collect(),
     )
 }
 

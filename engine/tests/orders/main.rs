@@ -3,12 +3,15 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
 
+mod baselines;
 mod convergence;
+mod depths;
 mod mixed;
 mod overlaps;
 #[path = "../scenes/mod.rs"]
 mod scenes;
 mod sheets;
+mod trained_scenes;
 mod turning;
 
 use glam::{DVec3, Mat3, Vec3};
@@ -96,6 +99,26 @@ fn spread(index: usize, stride: f32) -> f32 {
 fn turned(index: usize) -> Mat3 {
     let angle = |stride| spread(index, stride) * std::f32::consts::TAU;
     Mat3::from_euler(glam::EulerRot::ZYX, angle(0.618_034), angle(0.754_878), angle(0.569_840))
+}
+
+/// A place in a ball of radius 1 for each index.
+fn in_ball(index: usize) -> Vec3 {
+    turned(index + 1000) * Vec3::Z * spread(index, 0.819_173).cbrt()
+}
+
+/// Half-axes for each index that are log-normal, each by itself: median 0.1, 0.6 in the logarithm.
+fn any_shape(index: usize) -> Mat3 {
+    // The sum of four numbers that are evenly spread, of variance 1/12 each, is close to normal.
+    let normal = |k: usize| {
+        let sum: f32 = (0..4).map(|j| spread(index * 12 + k * 4 + j, 0.618_034) - 0.5).sum();
+        sum * 3.0_f32.sqrt()
+    };
+    turned(index) * Mat3::from_diagonal(Vec3::from([0, 1, 2].map(|k| 0.1 * (0.6 * normal(k)).exp())))
+}
+
+/// A colour for each index.
+fn any_color(index: usize) -> [f32; 3] {
+    [0.618_034, 0.754_878, 0.569_840].map(|stride| spread(index, stride))
 }
 
 /// Elongated kernels with opacities, as trained scenes have them, in a ball of radius 0.9.

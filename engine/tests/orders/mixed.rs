@@ -1,11 +1,8 @@
 //! Surfaces, volumes and splats in one another, each scene within a level of R1 but for one-pixel edges.
 
-use super::scenes::{looking_from, plane, sphere, tilted};
+use super::scenes::{looking_from, plane, smooth, sphere, tilted};
 use super::*;
 use oblate_engine::Pose;
-
-/// Depths of neighbours that differ by more pixel widths than this are an edge: a slope of 83°.
-const STEEP: f64 = 8.0;
 
 fn view() -> Camera {
     looking_from(DVec3::new(2.5, 2.0, -4.5), 40)
@@ -13,25 +10,6 @@ fn view() -> Camera {
 
 fn moved(cloud: &Cloud, x: f64, y: f64, z: f64) -> Cloud {
     cloud.clone().transformed(tilted(0.0, DVec3::new(x, y, z)))
-}
-
-/// Pixels in whose 3×3 neighbourhood the first surface is of one cloud and its depth goes on.
-fn smooth(frame: &Frame, clouds: &[Cloud], camera: &Camera) -> Vec<usize> {
-    let cloud_of = |id: u32| {
-        let mut left = id as usize;
-        clouds.iter().position(|cloud| left.checked_sub(cloud.len()).map(|rest| left = rest).is_none())
-    };
-    let goes_on = |place: usize, other: usize| {
-        let [a, b] = [place, other].map(|i| (cloud_of(frame.id[i]), f64::from(frame.depth[i])));
-        a.0 == b.0 && (a.0.is_none() || (a.1 - b.1).abs() <= STEEP * camera.pixel_width_at(a.1))
-    };
-    let neighbours = |place: usize| {
-        let [x, y] = [place % frame.width, place / frame.width];
-        let rows = y.saturating_sub(1)..(y + 2).min(frame.height);
-        rows.flat_map(move |v| (x.saturating_sub(1)..(x + 2).min(frame.width)).map(move |u| (u, v)))
-    };
-    let inside = |place: &usize| neighbours(*place).all(|(u, v)| goes_on(*place, v * frame.width + u));
-    (0..frame.color.len()).filter(inside).collect()
 }
 
 fn check(name: &str, clouds: &[Cloud], camera: &Camera) {

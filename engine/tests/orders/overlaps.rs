@@ -144,3 +144,30 @@ fn a_kernel_may_be_split() {
         }
     }
 }
+
+#[test]
+#[ignore = "the share of a kernel that lies before a cut is spread over slabs as all of it would be"]
+fn kernels_that_are_cut_are_the_integral_in_thin_slabs() {
+    // Two kernels of σ = 0.4 whose middles lie to either side of a cut, 1.5 σ apart.
+    let camera = scenes::camera(20.0, 16);
+    let shape = Mat3::from_diagonal(Vec3::splat(0.4));
+    let kernel = |z: f32, color| scenes::kernels(vec![Vec3::Z * z], shape, mass_of(1.5, shape), color);
+    let both = || vec![kernel(-0.3, [1.0, 0.2, 0.0]), kernel(0.3, [0.0, 0.3, 1.0])];
+    let sheet = |opacity: f32| {
+        let mut splats = scenes::plane(60, 0.06, [0.9, 0.8, 0.2]).splats();
+        let Strength::Surface(surface) = &mut splats.strength else { unreachable!() };
+        surface.opacities = Some(vec![opacity; surface.areas.len()]);
+        Cloud::new(splats).unwrap()
+    };
+    let thin = nothing_but(Order::Slabs { thickness: 0.25 });
+    let found = |name: &str, clouds: Vec<Cloud>, camera: &Camera| {
+        let found = apart(&draw(clouds.clone(), camera, &thin), &truth(&clouds, camera, &thin)).max_error;
+        println!("{name}: {found:.5}");
+        found
+    };
+    let whole = found("not cut", both(), &camera);
+    let near = found("by the near plane", both(), &camera.with_near(20.0).unwrap());
+    let [opaque, translucent] =
+        [1.0, 0.4].map(|opacity| found("by a sheet", [both(), vec![sheet(opacity)]].concat(), &camera));
+    assert!(whole <= 1e-3 && near <= 1e-3 && opaque <= 1e-3 && translucent <= 1e-3);
+}

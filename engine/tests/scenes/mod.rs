@@ -121,3 +121,25 @@ pub fn sphere(count: usize, radius: f32, color: [f32; 3]) -> Cloud {
 pub fn tilted(degrees: f64, shift: DVec3) -> DAffine3 {
     DAffine3::from_mat3_translation(DMat3::from_rotation_x(degrees.to_radians()), shift)
 }
+
+/// Depths of neighbours that differ by more pixel widths than this are an edge: a slope of 83°.
+const STEEP: f64 = 8.0;
+
+/// Pixels in whose 3×3 neighbourhood the first surface is of one cloud and its depth goes on.
+pub fn smooth(frame: &Frame, clouds: &[Cloud], camera: &Camera) -> Vec<usize> {
+    let cloud_of = |id: u32| {
+        let mut left = id as usize;
+        clouds.iter().position(|cloud| left.checked_sub(cloud.len()).map(|rest| left = rest).is_none())
+    };
+    let goes_on = |place: usize, other: usize| {
+        let [a, b] = [place, other].map(|i| (cloud_of(frame.id[i]), f64::from(frame.depth[i])));
+        a.0 == b.0 && (a.0.is_none() || (a.1 - b.1).abs() <= STEEP * camera.pixel_width_at(a.1))
+    };
+    let neighbours = |place: usize| {
+        let [x, y] = [place % frame.width, place / frame.width];
+        let rows = y.saturating_sub(1)..(y + 2).min(frame.height);
+        rows.flat_map(move |v| (x.saturating_sub(1)..(x + 2).min(frame.width)).map(move |u| (u, v)))
+    };
+    let inside = |place: &usize| neighbours(*place).all(|(u, v)| goes_on(*place, v * frame.width + u));
+    (0..frame.color.len()).filter(inside).collect()
+}

@@ -1,9 +1,48 @@
 //! What several tests of this crate share.
 #![allow(dead_code, reason = "each test binary uses its own part")]
 
+use std::io::Read;
+use std::path::PathBuf;
+
+use flate2::read::GzDecoder;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 use oblate_engine::{Cloud, Strength, Surface};
 use oblate_volumes::{GridFrame, Volume, Voxels};
+
+/// The bytes of a gzipped volume of the test data; `None`, said aloud, if it is not there.
+pub(crate) fn real_bytes(name: &str) -> Option<Vec<u8>> {
+    let root = std::env::var_os("OBLATE_DATA").map_or_else(
+        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")),
+        PathBuf::from,
+    );
+    let path = root.join("volumes").join(name);
+    let Ok(file) = std::fs::File::open(&path) else {
+        assert!(
+            std::env::var_os("OBLATE_REQUIRE_DATA").is_none_or(|v| v != "1"),
+            "{} is missing",
+            path.display()
+        );
+        println!("skipped: {} is missing", path.display());
+        return None;
+    };
+    let mut bytes = Vec::new();
+    GzDecoder::new(file).read_to_end(&mut bytes).unwrap();
+    Some(bytes)
+}
+
+/// The scanned engine.
+pub(crate) fn real_engine() -> Option<Volume> {
+    let bytes = real_bytes("engine_256x256x128_uint8.raw.gz")?;
+    Some(Volume::new([256, 256, 128], Voxels::U8(bytes), GridFrame::default()).unwrap())
+}
+
+/// The scanned head, whose slices are 2 apart.
+pub(crate) fn real_head() -> Option<Volume> {
+    let bytes = real_bytes("CThead_256x256x113_uint16be.raw.gz")?;
+    let values = bytes.chunks_exact(2).map(|pair| u16::from_be_bytes([pair[0], pair[1]])).collect();
+    let frame = GridFrame { spacing: DVec3::new(1.0, 1.0, 2.0), ..GridFrame::default() };
+    Some(Volume::new([256, 256, 113], Voxels::U16(values), frame).unwrap())
+}
 
 /// A volume of a field given in world coordinates.
 pub(crate) fn sampled(dims: [usize; 3], frame: GridFrame, field: impl Fn(DVec3) -> f64) -> Volume {

@@ -1,0 +1,38 @@
+//! Kernels with opacities, as training makes them: in slabs each is spread along the ray as the others are.
+
+use super::scenes::{kernels, looking_from};
+use super::*;
+
+/// Kernels of all shapes in a ball; their opacities are from 0.1 to 0.95. Colours go by the place, or each has its own.
+fn scene(is_motley: bool) -> Cloud {
+    let indices = 0..2000;
+    let color = |i: usize| if is_motley { any_color(i) } else { shades(in_ball(i) * 3.0) };
+    splats(
+        indices.clone().map(in_ball).collect(),
+        indices.clone().map(any_shape).collect(),
+        Strength::Opacity {
+            peaks: indices.clone().map(|i| 0.1 + 0.85 * spread(i, 0.414_214)).collect(),
+            filter: OpacityFilter::Compensated,
+        },
+        indices.map(color).collect(),
+    )
+}
+
+#[test]
+fn slabs_of_trained_kernels_are_ahead_of_sorted_centers() {
+    let camera = looking_from(DVec3::new(2.5, 2.0, -4.5), 32);
+    // Beside extinction, of which there is nothing to be seen, R1 spreads opacities along the ray.
+    let far = Vec3::Y * 1000.0;
+    let nothing = kernels(vec![far], Mat3::IDENTITY, 1e-9, [0.0; 3]);
+    for (name, is_motley, least) in [("neighbours alike", false, 5.0), ("motley", true, 3.0)] {
+        let cloud = scene(is_motley);
+        let r1 = truth(&[cloud.clone(), nothing.clone()], &camera, &nothing_but(SLABS));
+        let error = |order| apart(&draw(vec![cloud.clone()], &camera, &nothing_but(order)), &r1).mean_error;
+        let thicknesses = [2.45, 2.0, 1.0];
+        let [whole, tent, thin] = thicknesses.map(|thickness| error(Order::Slabs { thickness }));
+        let centers = error(Order::Centers);
+        println!("{name}: centers {centers:.2e}, slabs of {thicknesses:?} {whole:.2e} {tent:.2e} {thin:.2e}");
+        assert!(tent <= centers / least, "{name}: {centers} is not {least} times {tent}");
+        assert!(thin <= centers / 100.0, "{name}: {centers} is not a hundred times {thin}");
+    }
+}
