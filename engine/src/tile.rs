@@ -24,6 +24,7 @@ pub(crate) struct Plane(pub(crate) [f32; PIXELS]);
 
 impl Plane {
     pub(crate) const ZERO: Self = Self([0.0; PIXELS]);
+    pub(crate) const HALF: Self = Self([0.5; PIXELS]);
     pub(crate) const INFINITY: Self = Self([f32::INFINITY; PIXELS]);
 
     #[inline(always)]

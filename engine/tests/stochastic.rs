@@ -193,7 +193,6 @@ fn translucent_quad_between_kernels() {
 }
 
 #[test]
-#[ignore = "the share of a kernel that lies before a cut is spread over slabs as all of it would be"]
 fn kernels_that_are_cut_are_drawn_where_they_are() {
     check_quad(&[THIN]);
     check_inside(true, &[THIN]);

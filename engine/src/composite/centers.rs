@@ -36,7 +36,7 @@ impl<S: Simd> Opening<S> for Centers<S> {
             let alpha = kernels.plain_alpha(simd, number, pixels);
             let shown = self.seen.blend(simd, alpha, kernels.color(number));
             if DEPTH {
-                self.seen.place(simd, shown, kernels.depth_at(simd, number, pixels));
+                self.seen.place(shown, kernels.depth_at(simd, number, pixels));
             }
         }
     }
@@ -45,7 +45,7 @@ impl<S: Simd> Opening<S> for Centers<S> {
     fn add<const DEPTH: bool>(&mut self, simd: S, fragment: Fragment<S>, (): (), (): &mut ()) {
         let shown = self.seen.blend(simd, fragment.alpha, fragment.color);
         if DEPTH {
-            self.seen.place(simd, shown, fragment.depth);
+            self.seen.place(shown, fragment.depth_inside());
         }
     }
 

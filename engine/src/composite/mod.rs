@@ -11,6 +11,7 @@ mod shares;
 mod slabs;
 mod window;
 
+use seen::Through;
 pub(crate) use seen::{Runs, Seeing, Seen};
 
 use crate::closing::Closing;
@@ -110,9 +111,10 @@ impl Compositor<'_> {
         (cuts, policy): (&Cuts, O::Policy),
         ((batches, coming), opens, runs): Buffers<O::Open>,
     ) -> u64 {
-        runs.clear(simd, tile, cuts.segments());
-        opens.resize_with(cuts.segments().max(opens.len()), Vec::new);
-        for blocks in &mut opens[..cuts.segments()] {
+        let segments = cuts.segments();
+        runs.clear(simd, tile, segments);
+        opens.resize_with(segments.max(opens.len()), Vec::new);
+        for blocks in &mut opens[..segments] {
             blocks.resize_with(tile.blocks().max(blocks.len()), O::Open::default);
         }
         batches.resize_with(GROUP, || Kernels::NONE);
@@ -147,12 +149,21 @@ impl Compositor<'_> {
             }
         }
         if O::KEEPS_OPEN {
-            for (blocks, opens) in runs.segments[..cuts.segments()].iter_mut().zip(opens) {
-                for block in tile.visible_blocks() {
+            for block in tile.visible_blocks() {
+                let mut through = Through::all(simd);
+                let cuts = cuts.layers(block).map(Some).chain(std::iter::repeat(None));
+                for ((blocks, opens), cut) in runs.segments[..segments].iter_mut().zip(&mut *opens).zip(cuts)
+                {
                     let (seen, open) = (&mut blocks[block], &mut opens[block]);
+                    if DEPTH {
+                        through.tell(simd, seen);
+                    }
                     let mut opening = O::load(simd, seen, open);
                     opening.finish::<DEPTH>(simd, policy, open);
                     opening.store(seen, open);
+                    if DEPTH {
+                        through = through.pass(simd, seen, cut);
+                    }
                 }
             }
         }
@@ -250,12 +261,23 @@ impl Compositor<'_> {
             let [alpha, optical_depth] = if kernels.is_opacity(number) {
                 [strength, optical_depth(simd, strength)]
             } else {
-                [opacity(simd, strength), strength]
+                [kernels.opacity(simd, number, strength), strength]
             };
-            let distance = kernels.distance(simd, number, (pixels, depth), (here.tile, &self.lens));
+            let ray_length = self.lens.ray_lengths(simd, pixels, here.tile);
+            let distance = kernels.distance(simd, number, pixels, depth * ray_length);
             let color = kernels.color(number);
-            let mut fragment =
-                Fragment { kernels, number, corner, alpha, optical_depth, depth, distance, color };
+            let mut fragment = Fragment {
+                kernels,
+                number,
+                corner,
+                alpha,
+                optical_depth,
+                depth,
+                distance,
+                ray_length,
+                color,
+                segment: None,
+            };
             if whole >> number & 1 != 0 {
                 opening.add::<DEPTH>(simd, fragment, policy, open);
             } else if segments == 1 {
@@ -282,15 +304,23 @@ impl Compositor<'_> {
         (cuts, opens, runs): (&Cuts, &mut [Vec<O::Open>], &mut Runs),
     ) {
         let segments = cuts.block(here.block).segments;
-        for (segment, (blocks, opens)) in runs.segments[..segments].iter_mut().zip(opens).enumerate() {
+        let mut through = Through::all(simd);
+        let layers = cuts.layers(here.block).map(Some).chain(std::iter::repeat(None));
+        for ((segment, cut), opens) in (0..segments).zip(layers).zip(opens) {
             let own = shares.first(simd, cuts.depth(segment, here.block).load(simd));
+            let (seen, open) = (&mut runs.segments[segment][here.block], &mut opens[here.block]);
             if own.share.simd_gt(W::simd_from(simd, 0.0)).any_true() {
-                let (seen, open) = (&mut blocks[here.block], &mut opens[here.block]);
+                if DEPTH {
+                    through.tell(simd, seen);
+                }
                 let mut opening = O::load(simd, seen, open);
                 let mut fragment = fragment;
                 own.cut(simd, &mut fragment);
                 opening.add::<DEPTH>(simd, fragment, policy, open);
                 opening.store(seen, open);
+            }
+            if DEPTH {
+                through = through.pass(simd, seen, cut);
             }
             shares = shares.rest(&own);
         }

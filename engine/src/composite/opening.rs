@@ -74,5 +74,20 @@ pub(super) struct Fragment<'a, S: Simd> {
     /// z, and the distance from the eye.
     pub(super) depth: W<S>,
     pub(super) distance: W<S>,
+    /// Of rays with z = 1.
+    pub(super) ray_length: W<S>,
     pub(super) color: [f32; 3],
+    /// z where its segment begins and ends, of a share.
+    pub(super) segment: Option<[W<S>; 2]>,
+}
+
+impl<S: Simd> Fragment<'_, S> {
+    /// z, within its segment.
+    #[inline(always)]
+    pub(super) fn depth_inside(&self) -> W<S> {
+        match self.segment {
+            Some([from, to]) => self.depth.max(from).min(to),
+            None => self.depth,
+        }
+    }
 }

@@ -1,5 +1,6 @@
 //! What is seen of blocks so far, in memory and in registers.
 
+use crate::cuts::Cut;
 use crate::simd::*;
 use crate::tile::{Plane, Tile};
 
@@ -13,14 +14,21 @@ pub(crate) struct Seen {
     pub(crate) opacity: Plane,
     /// z times its contribution; kept only where it is asked for.
     pub(crate) depth: Plane,
-    /// z at which the opacity has come to a half; ∞ where it has not. Kept only where depth is.
+    /// z at which the transmittance has fallen to a half; ∞ where it has not. Kept only where depth is, as is the opacity at
+    /// which that happens: less than a half behind other segments.
     pub(crate) median: Plane,
+    pub(super) half: Plane,
 }
 
 impl Seen {
     /// Nothing there.
-    pub(crate) const CLEAR: Self =
-        Self { color: [Plane::ZERO; 3], opacity: Plane::ZERO, depth: Plane::ZERO, median: Plane::INFINITY };
+    pub(crate) const CLEAR: Self = Self {
+        color: [Plane::ZERO; 3],
+        opacity: Plane::ZERO,
+        depth: Plane::ZERO,
+        median: Plane::INFINITY,
+        half: Plane::HALF,
+    };
 }
 
 /// The runs of a tile: for each segment between cuts, near to far, its blocks.
@@ -61,17 +69,19 @@ pub(crate) struct Seeing<S: Simd> {
     pub(crate) color: [W<S>; 3],
     pub(crate) depth: W<S>,
     pub(crate) median: W<S>,
+    pub(super) half: W<S>,
 }
 
 impl<S: Simd> Seeing<S> {
     #[inline(always)]
     pub(crate) fn load(simd: S, seen: &Seen) -> Self {
-        let Seen { opacity, color: [red, green, blue], depth, median } = seen;
+        let Seen { opacity, color: [red, green, blue], depth, median, half } = seen;
         Self {
             opacity: opacity.load(simd),
             color: [red.load(simd), green.load(simd), blue.load(simd)],
             depth: depth.load(simd),
             median: median.load(simd),
+            half: half.load(simd),
         }
     }
 
@@ -92,20 +102,16 @@ impl<S: Simd> Seeing<S> {
             #[inline(always)]
             |c| c * alpha,
         );
-        let is_half = alpha.simd_ge(W::simd_from(simd, 0.5));
-        let median = is_half.select(depth, W::simd_from(simd, f32::INFINITY));
-        Self { opacity: alpha, color, depth: depth * alpha, median }
+        let half = W::simd_from(simd, 0.5);
+        Self { opacity: alpha, color, depth: depth * alpha, median: depth, half }
     }
 
-    /// (C, T)∘(C', T') = (C + T·C', T·T'). Where half of what is sent is reached behind, and not by what is there alone,
-    /// the median is the mean there.
+    /// (C, T)∘(C', T') = (C + T·C', T·T').
     #[inline(always)]
     pub(crate) fn over(self, simd: S, behind: Self) -> Self {
         let (one, half) = (W::simd_from(simd, 1.0), W::simd_from(simd, 0.5));
         let through = one - self.opacity;
         let opacity = behind.opacity.mul_add(through, self.opacity);
-        let is_clear = self.opacity.simd_le(W::simd_from(simd, 0.0));
-        let mean = is_clear.select(behind.median, behind.depth / behind.opacity);
         let comes_behind = self.opacity.simd_lt(half) & opacity.simd_ge(half);
         Self {
             opacity,
@@ -114,7 +120,8 @@ impl<S: Simd> Seeing<S> {
                 |i| behind.color[i].mul_add(through, self.color[i]),
             ),
             depth: behind.depth.mul_add(through, self.depth),
-            median: comes_behind.select(mean, self.median),
+            median: comes_behind.select(behind.median, self.median),
+            half: self.half,
         }
     }
 
@@ -131,10 +138,35 @@ impl<S: Simd> Seeing<S> {
 
     /// Puts what was just shown, already part of the opacity, at a depth.
     #[inline(always)]
-    pub(super) fn place(&mut self, simd: S, shown: W<S>, depth: W<S>) {
+    pub(super) fn place(&mut self, shown: W<S>, depth: W<S>) {
         self.depth = shown.mul_add(depth, self.depth);
-        let half = W::simd_from(simd, 0.5);
-        let is_half = self.opacity.simd_ge(half) & (self.opacity - shown).simd_lt(half);
+        let is_half = self.opacity.simd_ge(self.half) & (self.opacity - shown).simd_lt(self.half);
         self.median = is_half.select(depth, self.median);
+    }
+}
+
+/// What is seen through the segments of a block so far; only where depth is asked for.
+#[derive(Clone, Copy)]
+pub(super) struct Through<S: Simd>(W<S>);
+
+impl<S: Simd> Through<S> {
+    #[inline(always)]
+    pub(super) fn all(simd: S) -> Self {
+        Self(W::simd_from(simd, 1.0))
+    }
+
+    /// Says to the next segment at which opacity of its own half of the light is left.
+    #[inline(always)]
+    pub(super) fn tell(self, simd: S, next: &mut Seen) {
+        let least = W::simd_from(simd, 1e-6);
+        next.half.store(W::simd_from(simd, 1.0) - W::simd_from(simd, 0.5) / self.0.max(least));
+    }
+
+    /// Passes a segment and the cut behind it.
+    #[inline(always)]
+    pub(super) fn pass(self, simd: S, segment: &Seen, cut: Option<&Cut>) -> Self {
+        let one = W::simd_from(simd, 1.0);
+        let alpha = cut.map_or(W::simd_from(simd, 0.0), |cut| cut.alpha.load(simd));
+        Self(self.0 * (one - segment.opacity.load(simd)) * (one - alpha))
     }
 }

@@ -38,8 +38,8 @@ impl<S: Simd> Shares<S> {
     #[inline(always)]
     pub(super) fn first(&self, simd: S, to: W<S>) -> Share<S> {
         // No infinity times 0.
-        let end = to.min(W::simd_from(simd, 1e30));
-        let before_end = normal_cdf(simd, (end - self.depth) * self.inverse);
+        let to = to.min(W::simd_from(simd, 1e30));
+        let before_end = normal_cdf(simd, (to - self.depth) * self.inverse);
         let share = (before_end - self.before).max(W::simd_from(simd, 0.0));
         Share { share, from: self.from, to, before_end }
     }
@@ -55,9 +55,9 @@ impl<S: Simd> Share<S> {
     /// Leaves of a whole kernel its share.
     #[inline(always)]
     pub(super) fn cut(&self, simd: S, fragment: &mut Fragment<S>) {
-        let Fragment { kernels, number, optical_depth, depth, .. } = *fragment;
+        let Fragment { kernels, number, optical_depth, .. } = *fragment;
         fragment.optical_depth = optical_depth * self.share;
         fragment.alpha = kernels.opacity(simd, number, fragment.optical_depth);
-        fragment.depth = depth.max(self.from).min(self.to);
+        fragment.segment = Some([self.from, self.to]);
     }
 }

@@ -89,30 +89,108 @@ impl OpenSlabs {
         &mut self,
         simd: S,
         (kernels, number, [first, last]): (&Kernels, usize, [u32; 2]),
-        Matter { optical_depth, depth, distance }: Matter<S>,
+        matter: Matter<S>,
         slabs: &Slabs,
     ) {
         let color = kernels.color(number);
-        let SlabShare { inverse, normal_part, goes_on, ends } = kernels.slabs.share(number, [first, last]);
+        let share = kernels.slabs.share(number, [first, last]);
+        let Matter { optical_depth, distance, .. } = matter;
+        let cumulative = Cumulative::new(simd, &share, &matter);
         // How far the ends of slabs are behind the kernel, in its σ.
-        let mut x = (W::simd_from(simd, slabs.begin(first)) - distance) * inverse;
-        let step = slabs.thickness() * inverse;
+        let mut x = (W::simd_from(simd, slabs.begin(first)) - distance) * share.inverse;
+        let step = slabs.thickness() * share.inverse;
         let mut passed = W::simd_from(simd, 0.0);
-        if goes_on {
-            passed = optical_depth * share_before(simd, x, normal_part);
+        if share.goes_on {
+            passed = optical_depth * cumulative.before(simd, x);
         }
         self.end = self.end.max(last + 1);
         for slab in first..last {
             x += step;
-            let until = optical_depth * share_before(simd, x, normal_part);
+            let until = optical_depth * cumulative.before(simd, x);
+            let depth = matter.depth_in::<DEPTH>(simd, (slabs.begin(slab), slabs.thickness()), share.inverse);
             self.slab(slab).add::<S, DEPTH>(simd, (until - passed, depth), color);
             passed = until;
         }
         let mut until = optical_depth;
-        if !ends {
-            until *= share_before(simd, x + step, normal_part);
+        if !share.ends {
+            until *= cumulative.before(simd, x + step);
         }
+        let depth = matter.depth_in::<DEPTH>(simd, (slabs.begin(last), slabs.thickness()), share.inverse);
         self.slab(last).add::<S, DEPTH>(simd, (until - passed, depth), color);
+    }
+}
+
+/// A kernel at pixels, or what a segment has of it.
+#[derive(Clone, Copy)]
+struct Matter<S: Simd> {
+    optical_depth: W<S>,
+    /// z, and the distance from the eye, where it is densest.
+    depth: W<S>,
+    distance: W<S>,
+    /// The distances between which all of it lies, of a share.
+    segment: Option<[W<S>; 2]>,
+}
+
+impl<S: Simd> Matter<S> {
+    /// The mean z of what lies in a slab from a distance on, of a spread with an inverse σ: where the kernel is if it is much
+    /// narrower than the slab, and towards there from the slab's middle if it is wider.
+    #[inline(always)]
+    fn depth_in<const DEPTH: bool>(&self, simd: S, (from, thickness): (f32, f32), inverse: f32) -> W<S> {
+        if !DEPTH {
+            return self.depth;
+        }
+        let half = W::simd_from(simd, 0.5 * thickness);
+        let pull = ((thickness * inverse).powi(2) * (1.0 / 12.0)).min(1.0);
+        let from_middle = (self.distance - (from + 0.5 * thickness)) * pull;
+        let inside = from_middle.max(-half).min(half) + (from + 0.5 * thickness);
+        self.depth * inside / self.distance.max(W::simd_from(simd, 1e-20))
+    }
+}
+
+/// The share of a kernel before a distance.
+struct Cumulative<S: Simd> {
+    normal_part: f32,
+    cut: Option<CutOff<S>>,
+}
+
+/// Where a segment cuts a kernel, in its σ; its share is spread over the slabs between, as much as the kernel is there.
+struct CutOff<S: Simd> {
+    /// The spread that is shared out is narrower than the kernel, and may not reach the segment at all: then it is moved
+    /// so far that a part of it does.
+    shift: W<S>,
+    from: W<S>,
+    to: W<S>,
+    /// What lies before the segment, and 1 over what lies in it.
+    passed: W<S>,
+    scale: W<S>,
+}
+
+impl<S: Simd> Cumulative<S> {
+    #[inline(always)]
+    fn new(simd: S, share: &SlabShare, matter: &Matter<S>) -> Self {
+        let SlabShare { inverse, normal_part, .. } = *share;
+        let Some([from, to]) = matter.segment else { return Self { normal_part, cut: None } };
+        let [from, to] = [(from - matter.distance) * inverse, (to - matter.distance) * inverse];
+        // A box ends at √3, and a tenth of it is beyond 1.4; 0.6 % of a normal distribution is beyond 2.5.
+        let reach = W::simd_from(simd, normal_part.mul_add(2.5 - 1.4, 1.4));
+        let zero = W::simd_from(simd, 0.0);
+        let shift = (-reach - to).max(zero) + (reach - from).min(zero);
+        let [from, to] = [from + shift, to + shift];
+        let passed = share_before(simd, from, normal_part);
+        let own = (share_before(simd, to, normal_part) - passed).max(W::simd_from(simd, 1e-6));
+        Self { normal_part, cut: Some(CutOff { shift, from, to, passed, scale: reciprocal(simd, own) }) }
+    }
+
+    /// Before x of its σ.
+    #[inline(always)]
+    fn before(&self, simd: S, x: W<S>) -> W<S> {
+        match &self.cut {
+            None => share_before(simd, x, self.normal_part),
+            Some(CutOff { shift, from, to, passed, scale }) => {
+                let x = (x + *shift).max(*from).min(*to);
+                (share_before(simd, x, self.normal_part) - *passed) * *scale
+            }
+        }
     }
 }
 
@@ -186,25 +264,31 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
         closing: Closing,
         open: &mut OpenSlabs,
     ) {
-        let Fragment { kernels, number, corner, optical_depth, depth, distance, .. } = fragment;
+        let Fragment { kernels, number, corner, optical_depth, depth, distance, ray_length, .. } = fragment;
         let first = kernels.slabs.first[number];
         let Closing::Slabs(slabs) = &closing else {
             self.close_before::<DEPTH>(simd, first, 0.0, open);
-            self.near[0].add::<DEPTH>(simd, (optical_depth, depth), kernels.color(number));
+            self.near[0].add::<DEPTH>(simd, (optical_depth, fragment.depth_inside()), kernels.color(number));
             self.end = self.end.max(first + 2);
             return;
         };
+        let segment = fragment.segment.map(
+            #[inline(always)]
+            |[from, to]| [from * ray_length, to * ray_length],
+        );
+        let matter = Matter { optical_depth, depth, distance, segment };
         if kernels.slabs.narrow >> number & 1 != 0 {
             self.close_before::<DEPTH>(simd, first, slabs.thickness(), open);
-            let x = (W::simd_from(simd, slabs.begin(first + 1)) - distance) * kernels.slabs.inverse(number);
-            let matter = (optical_depth, share_of_box(simd, x), depth);
-            self.share_between::<DEPTH>(simd, matter, kernels.color(number));
+            let share = kernels.slabs.share(number, [first, first + 1]);
+            let plane = slabs.begin(first + 1);
+            let x = (W::simd_from(simd, plane) - distance) * share.inverse;
+            let share = Cumulative::new(simd, &share, &matter).before(simd, x);
+            self.share_between::<DEPTH>(simd, (kernels, number), (matter, share), slabs);
             return;
         }
         self.store_near(open);
         open.close_before::<S, DEPTH>(simd, first, (&mut self.seen, slabs.thickness()));
         let range = kernels.slabs_in(number, corner, slabs);
-        let matter = Matter { optical_depth, depth, distance };
         open.add::<S, DEPTH>(simd, (kernels, number, range), matter, slabs);
         self.load_near(simd, open);
     }
@@ -215,15 +299,6 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
         // Ready for the next tile.
         (self.first, self.end) = (0, 0);
     }
-}
-
-/// A kernel at pixels.
-#[derive(Clone, Copy)]
-struct Matter<S: Simd> {
-    optical_depth: W<S>,
-    /// z, and the distance from the eye.
-    depth: W<S>,
-    distance: W<S>,
 }
 
 impl<S: Simd> Slabbed<S> {
@@ -274,8 +349,13 @@ impl<S: Simd> Slabbed<S> {
                 plane = slabs.begin(first + 1);
             }
             let (optical_depth, share) = kernels.plain_share_before(simd, number, pixels, plane);
-            let depth = if DEPTH { kernels.depth_at(simd, number, pixels) } else { share };
-            self.share_between::<DEPTH>(simd, (optical_depth, share, depth), kernels.color(number));
+            let [depth, distance] = if DEPTH {
+                [kernels.depth_at(simd, number, pixels), kernels.affine_distance(simd, number, pixels)]
+            } else {
+                [share; 2]
+            };
+            let matter = Matter { optical_depth, depth, distance, segment: None };
+            self.share_between::<DEPTH>(simd, (kernels, number), (matter, share), slabs);
         }
     }
 
@@ -284,13 +364,22 @@ impl<S: Simd> Slabbed<S> {
     fn share_between<const DEPTH: bool>(
         &mut self,
         simd: S,
-        (optical_depth, share, depth): (W<S>, W<S>, W<S>),
-        color: [f32; 3],
+        (kernels, number): (&Kernels, usize),
+        (matter, share): (Matter<S>, W<S>),
+        slabs: &Slabs,
     ) {
-        let nearer = optical_depth * share;
+        let color = kernels.color(number);
+        let nearer = matter.optical_depth * share;
+        let depths = [self.first, self.first + 1].each(
+            #[inline(always)]
+            |slab| {
+                let slab = (slabs.begin(slab), slabs.thickness());
+                matter.depth_in::<DEPTH>(simd, slab, kernels.slabs.inverse(number))
+            },
+        );
         self.end = self.end.max(self.first + 2);
-        self.near[0].add::<DEPTH>(simd, (nearer, depth), color);
-        self.near[1].add::<DEPTH>(simd, (optical_depth - nearer, depth), color);
+        self.near[0].add::<DEPTH>(simd, (nearer, depths[0]), color);
+        self.near[1].add::<DEPTH>(simd, (matter.optical_depth - nearer, depths[1]), color);
     }
 
     /// Adds any plain kernels.
@@ -311,7 +400,7 @@ impl<S: Simd> Slabbed<S> {
             let depth = if DEPTH { kernels.depth_at(simd, number, pixels) } else { optical_depth };
             let distance = kernels.affine_distance(simd, number, pixels);
             let range = kernels.slabs_in(number, corner, slabs);
-            let matter = Matter { optical_depth, depth, distance };
+            let matter = Matter { optical_depth, depth, distance, segment: None };
             open.add::<S, DEPTH>(simd, (kernels, number, range), matter, slabs);
         }
         self.load_near(simd, open);
@@ -388,7 +477,7 @@ impl<S: Simd> Sum<S> {
         }
     }
 
-    /// Puts the slab behind what is seen: T·(1 − e^{−τ})/τ of each sum. Where half of the light is lost in it the median
+    /// Puts the slab behind what is seen: T·(1 − e^{−τ})/τ of each sum. Where the transmittance falls to a half in it the median
     /// is there, as if the optical depth were even over the thickness, to either side of the mean.
     #[inline(always)]
     fn close<const DEPTH: bool>(&self, simd: S, seen: &mut Seeing<S>, thickness: f32) {
@@ -402,12 +491,12 @@ impl<S: Simd> Sum<S> {
         seen.opacity = shown.mul_add(tau, seen.opacity);
         if DEPTH {
             seen.depth = shown.mul_add(self.depth, seen.depth);
-            let half = W::simd_from(simd, 0.5);
-            let is_half = seen.opacity.simd_ge(half) & through.simd_gt(half);
+            let left = one - seen.half;
+            let is_half = seen.opacity.simd_ge(seen.half) & through.simd_gt(left);
             if is_half.any_true() {
                 let inverse = one / tau.max(W::simd_from(simd, 1e-30));
-                let until = log2(simd, (through + through).max(half)) * std::f32::consts::LN_2;
-                let from_middle = (until * inverse).min(one) - half;
+                let until = log2(simd, (through / left).max(one)) * std::f32::consts::LN_2;
+                let from_middle = (until * inverse).min(one) - 0.5;
                 let z = from_middle.mul_add(W::simd_from(simd, thickness), self.depth * inverse);
                 seen.median = is_half.select(z, seen.median);
             }

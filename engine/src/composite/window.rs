@@ -89,7 +89,8 @@ impl<S: Simd> Opening<S> for Windowed<S> {
 
     #[inline(always)]
     fn add<const DEPTH: bool>(&mut self, simd: S, fragment: Fragment<S>, (): (), window: &mut Window) {
-        let Fragment { alpha, depth, color, .. } = fragment;
+        let Fragment { alpha, color, .. } = fragment;
+        let depth = fragment.depth_inside();
         self.insert::<DEPTH>(simd, (alpha, depth, color), window);
     }
 
@@ -158,7 +159,7 @@ impl<S: Simd> Windowed<S> {
             // A place without a kernel has no depth.
             let zero = W::simd_from(simd, 0.0);
             let depth = alpha.simd_gt(zero).select(*depth, zero);
-            self.seen.place(simd, shown, depth);
+            self.seen.place(shown, depth);
         }
     }
 }

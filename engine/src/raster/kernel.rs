@@ -52,6 +52,7 @@ pub(crate) struct Kernels {
     pub(crate) plain: u64,
     /// Where there are slabs.
     pub(crate) slabs: SlabColumns,
+    is_taylor: bool,
     /// Those of kind `Opacity`.
     opacities: u64,
     /// Those that lie wholly behind the near plane.
@@ -87,6 +88,7 @@ impl Kernels {
         reach: [0.0; BATCH],
         plain: 0,
         slabs: SlabColumns::NONE,
+        is_taylor: false,
         opacities: 0,
         whole: 0,
         masks: BlockMasks::NONE,
@@ -103,6 +105,7 @@ impl Kernels {
     ) {
         self.outlines.begin(records.clone());
         (self.opacities, self.plain, self.whole) = (0, 0, 0);
+        self.is_taylor = lens.is_taylor;
         for (number, record) in records.enumerate().take(BATCH) {
             self.outlines.set(number, record);
             for (column, color) in self.color.iter_mut().zip(record.color) {
@@ -222,10 +225,12 @@ impl Kernels {
         self.opacities >> number & 1 != 0
     }
 
-    /// The opacity of a share of a kernel, of an optical depth.
+    /// The opacity of a kernel, or of a share of it, of an optical depth.
     #[inline(always)]
     pub(crate) fn opacity<S: Simd>(&self, simd: S, number: usize, optical_depth: W<S>) -> W<S> {
-        if self.plain >> number & 1 != 0 && !self.is_opacity(number) {
+        if self.is_taylor {
+            optical_depth.min(W::simd_from(simd, 1.0))
+        } else if self.plain >> number & 1 != 0 && !self.is_opacity(number) {
             optical_depth * polynomial(simd, optical_depth, THIN)
         } else {
             opacity(simd, optical_depth)
@@ -296,29 +301,25 @@ impl Kernels {
         let scale = inverse_root(simd, den);
         let mut strength = self.weight(simd, number, exponent) * amplitude;
         if !self.is_opacity(number) {
-            strength *= scale * ray_lengths(simd, &lens.lens, in_picture(pixels, tile));
+            strength *= scale * lens.ray_lengths(simd, pixels, tile);
         }
         Fragments { strength, depth, sigma_z: scale * sigma_z }
     }
 }
 
-/// Centres of a tile's pixels, from the picture's corner.
-#[inline(always)]
-pub(super) fn in_picture<S: Simd>(pixels: [W<S>; 2], tile: Tile) -> [W<S>; 2] {
-    [0, 1].each(
-        #[inline(always)]
-        |axis| pixels[axis] + (tile.origin[axis] as f32 + 0.5),
-    )
-}
-
-/// |v| of the rays through pixels.
-#[inline(always)]
-pub(super) fn ray_lengths<S: Simd>(simd: S, lens: &Lens, [x, y]: [W<S>; 2]) -> W<S> {
-    if lens.projection == Projection::Orthographic {
-        return W::simd_from(simd, 1.0);
+impl KernelLens {
+    /// |v| of the rays through a tile's pixels.
+    #[inline(always)]
+    pub(crate) fn ray_lengths<S: Simd>(&self, simd: S, pixels: [W<S>; 2], tile: Tile) -> W<S> {
+        let one = W::simd_from(simd, 1.0);
+        if self.lens.projection == Projection::Orthographic {
+            return one;
+        }
+        let in_picture = [0, 1].each(
+            #[inline(always)]
+            |axis| pixels[axis] + (tile.origin[axis] as f32 + 0.5),
+        );
+        let [x, y, _] = self.lens.positions(in_picture, one);
+        x.mul_add(x, y.mul_add(y, one)).sqrt()
     }
-    let [focal, principal] = [lens.focal.as_vec2(), lens.principal.as_vec2()];
-    let across = (x - principal.x) * (1.0 / focal.x);
-    let down = (y - principal.y) * (1.0 / focal.y);
-    across.mul_add(across, down.mul_add(down, W::simd_from(simd, 1.0))).sqrt()
 }

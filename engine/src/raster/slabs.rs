@@ -1,6 +1,6 @@
 //! How a batch of volume records lies in slabs.
 
-use super::kernel::{KernelLens, Kernels, in_picture, ray_lengths};
+use super::kernel::Kernels;
 use super::outline::{BATCH, Column, sixteen, sixteen_of};
 use crate::closing::{BOX, Distances, Slabs, Spread};
 use crate::simd::*;
@@ -147,20 +147,10 @@ impl Kernels {
         self.outlines.offsets(simd, number, pixels).linear(simd, distance[number], [x[number], y[number]])
     }
 
-    /// The distance of a kernel of any form at pixels, from its z there.
+    /// The distance of a kernel of any form at pixels, `exact` if it is in the exact form.
     #[inline(always)]
-    pub(crate) fn distance<S: Simd>(
-        &self,
-        simd: S,
-        number: usize,
-        (pixels, depth): ([W<S>; 2], W<S>),
-        (tile, lens): (Tile, &KernelLens),
-    ) -> W<S> {
-        if self.outlines.is_exact(number) {
-            depth * ray_lengths(simd, &lens.lens, in_picture(pixels, tile))
-        } else {
-            self.affine_distance(simd, number, pixels)
-        }
+    pub(crate) fn distance<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2], exact: W<S>) -> W<S> {
+        if self.outlines.is_exact(number) { exact } else { self.affine_distance(simd, number, pixels) }
     }
 
     /// The slabs that a record, or a piece of one, may touch in the block with a corner.

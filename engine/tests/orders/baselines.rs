@@ -31,7 +31,6 @@ fn taylors_opacity_is_worse_than_the_exponential() {
 }
 
 #[test]
-#[ignore = "kernels in the exact form have the exponential all the same"]
 fn taylors_opacity_is_that_of_exact_footprints_too() {
     let camera = looking_from(DVec3::new(2.5, 2.0, -4.5), 16);
     let settings = nothing_but(Order::Centers);

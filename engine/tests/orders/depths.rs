@@ -95,7 +95,6 @@ fn sheet(opacity: f32, z: f32) -> Cloud {
 }
 
 #[test]
-#[ignore = "kernels that a surface cuts in a block are put at infinity, times 0, where the block has no surface"]
 fn pixels_beside_a_surface_have_expected_depths() {
     let clouds = [volume(0.6), sheet(1.0, 0.0)];
     let r1 = truth(&clouds, &camera(6.0, 40), &ordered(SLABS));
@@ -110,7 +109,6 @@ fn pixels_beside_a_surface_have_expected_depths() {
 }
 
 #[test]
-#[ignore = "behind a translucent layer the median is the mean of what is there"]
 fn medians_behind_a_translucent_layer_are_where_half_is_left() {
     let clouds = [volume(1.5), sheet(0.3, -1.6)];
     let r1 = truth(&clouds, &camera(6.0, 40), &ordered(SLABS));
@@ -126,7 +124,6 @@ fn medians_behind_a_translucent_layer_are_where_half_is_left() {
 }
 
 #[test]
-#[ignore = "what lies in a slab is put where its kernels are densest, which may be far outside"]
 fn depths_in_thinner_slabs_are_closer() {
     let clouds = [volume(10.0)];
     let r1 = truth(&clouds, &view(), &ordered(SLABS));
@@ -138,6 +135,7 @@ fn depths_in_thinner_slabs_are_closer() {
         let expected = errors(&seen, &frame.expected_depth, &r1.expected_depth);
         println!("{order:?}: median {median:.4?}, expected {expected:.4?}");
         let half = 0.5 * thickness * SIGMA;
-        assert!(median[0] <= half && expected[0] <= half, "{order:?}: {median:?} {expected:?}");
+        // Along the rim what kernels lose at their cut-off moves the mean by as much in all orders.
+        assert!(median[0] <= half && expected[1] <= 0.3 * half, "{order:?}: {median:?} {expected:?}");
     }
 }

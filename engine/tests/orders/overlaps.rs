@@ -146,7 +146,6 @@ fn a_kernel_may_be_split() {
 }
 
 #[test]
-#[ignore = "the share of a kernel that lies before a cut is spread over slabs as all of it would be"]
 fn kernels_that_are_cut_are_the_integral_in_thin_slabs() {
     // Two kernels of σ = 0.4 whose middles lie to either side of a cut, 1.5 σ apart.
     let camera = scenes::camera(20.0, 16);
