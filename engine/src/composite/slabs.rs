@@ -511,6 +511,9 @@ fn share_before<S: Simd>(simd: S, x: W<S>, normal_part: f32) -> W<S> {
         return share_of_normal(simd, x);
     }
     let of_box = share_of_box(simd, x);
+    if normal_part == 0.0 {
+        return of_box;
+    }
     (share_of_normal(simd, x) - of_box).mul_add(W::simd_from(simd, normal_part), of_box)
 }
 
