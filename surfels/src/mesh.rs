@@ -29,8 +29,8 @@ pub struct Primitive {
     /// the opacity. A texture's texels are compared before they are filtered, vertex colours after they are
     /// interpolated, each times the factor.
     pub alpha_cutoff: Option<f32>,
-    /// Whether the backs are shown where the mesh is translucent; see [`sample`](crate::sample()). Files that say nothing
-    /// mean `true`.
+    /// Whether its backs are to be seen. [`sample`](crate::sample()) asks for it where a mesh is not opaque; formats that
+    /// say nothing of sides mean `true`.
     pub double_sided: bool,
     /// From the primitive's space to the mesh's.
     pub primitive_to_mesh: DAffine3,

@@ -69,10 +69,9 @@ const MOST_POINTS: [usize; 2] = [64, 2];
 /// floor [`COVERAGE_FLOOR`]. Triangles without area are left out. The spacing grows where it must: beyond [`SamplerSettings::max_surfels`], and below a millionth of the bounds, which
 /// single-precision positions do not resolve.
 ///
-/// Opaque surfaces show both sides, and translucent ones those that [`Primitive::double_sided`](crate::Primitive::double_sided) says: backs are
-/// dropped ([`Surface::closed`]) if the mesh is opaque and [`Mesh::is_closed`], so that only fronts are seen from
-/// outside, or if some of it is translucent and all its primitives are single-sided. One that is not
-/// keeps all backs; sample primitives in meshes of their own where each is to have its way.
+/// A mesh that is opaque everywhere shows both sides; one that is not drops its backs if nothing in it is
+/// [`double_sided`](crate::Primitive::double_sided). [`Surface::closed`] says that backs are dropped, which they also
+/// are where the mesh is opaque and [`Mesh::is_closed`], since nobody outside sees them.
 ///
 /// # Errors
 /// When the mesh has no area, an array of it is inconsistent, a number is not finite, the density is not

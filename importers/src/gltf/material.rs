@@ -68,7 +68,13 @@ impl<'a> Materials<'a> {
     ) -> Result<Look, ImportError> {
         let Some(index) = index else {
             let color = BaseColor::default();
-            return Ok(Look { color, tex_coords: None, opaque: true, alpha_cutoff: None, double_sided: false });
+            return Ok(Look {
+                color,
+                tex_coords: None,
+                opaque: true,
+                alpha_cutoff: None,
+                double_sided: false,
+            });
         };
         let place = || Place::Part(format!("material {}", index.value()));
         let missing = || self.file.malformed(place(), "is named, but not there");

@@ -263,7 +263,7 @@ fn alpha_and_moved_textures() {
 #[test]
 fn sides() {
     let folder = Folder::new();
-    let double_sided = |pairs: &[_]| folder.primitive("a.glb", changed(pairs)).double_sided;
+    let double_sided = |pairs: &[(&str, &str)]| folder.primitive("a.glb", changed(pairs)).double_sided;
     assert!(!double_sided(&[]));
     assert!(!double_sided(&[("\"material\": 0, ", "")]));
     for (said, expected) in [("true", true), ("false", false)] {
