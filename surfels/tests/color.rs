@@ -183,7 +183,8 @@ fn coarse_masks_keep_their_edges() {
     let opacities = surface(&cloud).opacities.unwrap();
     for (center, opacity) in centers(&cloud).iter().zip(&opacities) {
         if center.x.abs() > 0.04 {
-            assert_eq!(*opacity, if center.x < 0.0 { 1.0 } else { 0.0 }, "{center}");
+            let expected = if center.x < 0.0 { 1.0 } else { 0.0 };
+            assert!((opacity - expected).abs() < 1e-6, "{opacity} at {center}");
         }
     }
     // Half of the square is there, to a twentieth of a surfel along the edge of 100.
@@ -205,6 +206,8 @@ fn masks_compare_factor_times_vertex_colour() {
         if center.x.abs() > 0.04 {
             assert_eq!(opacity, if center.x < 0.0 { 1.0 } else { 0.0 }, "{center}");
         }
-        assert_eq!(*color, if opacity > 0.0 { [1.0, 0.5, 1.0] } else { [0.0; 3] });
+        let expected = if opacity > 0.0 { [1.0, 0.5, 1.0] } else { [0.0; 3] };
+        // A quotient of rounded means.
+        assert!(color.iter().zip(expected).all(|(c, e)| (c - e).abs() < 1e-6), "{color:?}");
     }
 }
