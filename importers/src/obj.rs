@@ -226,6 +226,8 @@ impl<'a> Reader<'a> {
                 normals: corners.clone().map(|c| Some(self.normals[c.2?])).collect(),
                 colors: corners.map(|c| colors.get(c.0).copied()).collect(),
                 material: group.material,
+                alpha_cutoff: None,
+                double_sided: true,
                 primitive_to_mesh: DAffine3::IDENTITY,
             }
         };

@@ -3,7 +3,7 @@
 use crate::facets::{Facet, Facets, Part};
 use crate::mesh::Texture;
 use crate::points::Points;
-use crate::texture::Pyramid;
+use crate::texture::{Mask, Pyramid};
 use glam::{Vec2, Vec3, Vec4};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -15,14 +15,19 @@ pub(crate) struct Appearance<'a> {
     textures: Vec<Option<&'a Pyramid<'a>>>,
 }
 
-/// The textures of a mesh, each once, ready to be sampled.
-pub(crate) struct Textures<'a>(HashMap<*const Texture, Pyramid<'a>>);
+/// The textures of a mesh, each once for each mask, ready to be sampled.
+pub(crate) struct Textures<'a>(HashMap<Key, Pyramid<'a>>);
+
+/// A texture, and the bits of its mask.
+type Key = (*const Texture, Option<[u32; 2]>);
 
 impl<'a> Textures<'a> {
     pub(crate) fn new(facets: &'a Facets) -> Self {
         let mut pyramids = HashMap::new();
-        for texture in facets.parts.iter().filter_map(texture) {
-            pyramids.entry(Arc::as_ptr(texture)).or_insert_with(|| Pyramid::new(texture));
+        for part in &facets.parts {
+            if let Some(texture) = texture(part) {
+                pyramids.entry(key(part, texture)).or_insert_with(|| Pyramid::new(texture, mask(part)));
+            }
         }
         Self(pyramids)
     }
@@ -33,9 +38,18 @@ fn texture<'a>(part: &Part<'a>) -> Option<&'a Arc<Texture>> {
     part.primitive.tex_coords.as_ref().and(part.primitive.material.texture.as_ref())
 }
 
+fn mask(part: &Part) -> Option<Mask> {
+    let factor = part.primitive.material.factor.w;
+    part.primitive.alpha_cutoff.map(|cutoff| Mask { factor, cutoff })
+}
+
+fn key(part: &Part, texture: &Arc<Texture>) -> Key {
+    (Arc::as_ptr(texture), mask(part).map(|mask| [mask.factor, mask.cutoff].map(f32::to_bits)))
+}
+
 impl<'a> Appearance<'a> {
     pub(crate) fn new(facets: &'a Facets<'a>, textures: &'a Textures<'a>) -> Self {
-        let find = |part| texture(part).and_then(|texture| textures.0.get(&Arc::as_ptr(texture)));
+        let find = |part| texture(part).and_then(|texture| textures.0.get(&key(part, texture)));
         Self { facets, textures: facets.parts.iter().map(find).collect() }
     }
 
@@ -45,15 +59,16 @@ impl<'a> Appearance<'a> {
         let part = &self.facets.parts[facet.part as usize];
         let pyramid = self.textures[facet.part as usize];
         let primitive = part.primitive;
-        let mut color = premultiplied(primitive.material.factor);
+        let mut color = primitive.material.factor;
         if pyramid.is_none() && primitive.colors.is_none() && part.normals.is_none() {
-            return (color, facet.normal);
+            return (visible(color, primitive.alpha_cutoff), facet.normal);
         }
         let vertices = part.vertices(facet.triangle);
         let shares = self.barycentric(facet, points.positions[point]);
         if let Some(colors) = &primitive.colors {
-            color *= premultiplied(mix(vertices.map(|v| colors[v]), shares));
+            color *= mix(vertices.map(|v| colors[v]), shares);
         }
+        color = visible(color, primitive.alpha_cutoff);
         if let (Some(pyramid), Some(coords)) = (pyramid, &primitive.tex_coords) {
             let coords = vertices.map(|v| coords[v]);
             let share_of_facet = points.areas[point] / facet.area;
@@ -77,8 +92,9 @@ impl<'a> Appearance<'a> {
     }
 }
 
-fn premultiplied(color: Vec4) -> Vec4 {
-    let alpha = color.w.clamp(0.0, 1.0);
+/// What is to be seen of a colour, premultiplied: alpha is the opacity or, with a cut-off, says whether it is there.
+fn visible(color: Vec4, cutoff: Option<f32>) -> Vec4 {
+    let alpha = cutoff.map_or(color.w.clamp(0.0, 1.0), |cutoff| f32::from(color.w >= cutoff));
     (color.truncate() * alpha).extend(alpha)
 }
 

@@ -58,6 +58,11 @@ impl Mesh {
         once && !edges.is_empty() && edges.par_iter().all(|&(a, b)| edges.binary_search(&(b, a)).is_ok())
     }
 
+    /// Whether nothing in it is double-sided.
+    pub(crate) fn is_single_sided(&self) -> bool {
+        self.primitives.iter().all(|part| part.triangles.is_empty() || !part.double_sided)
+    }
+
     /// Checks every number that sampling reads.
     pub(crate) fn check(&self) -> Result<(), SampleError> {
         let triangles: usize = self.primitives.iter().map(|p| p.triangles.len()).sum();
@@ -99,6 +104,7 @@ fn check(primitive: usize, part: &Primitive) -> Result<(), SampleError> {
     finite("position", part.positions.iter().position(|p| !p.is_finite()))?;
     finite("transform", (!part.primitive_to_mesh.is_finite()).then_some(0))?;
     finite("base colour factor", (!part.material.factor.is_finite()).then_some(0))?;
+    finite("alpha cut-off", part.alpha_cutoff.is_some_and(|cutoff| !cutoff.is_finite()).then_some(0))?;
     if let Some(normals) = &part.normals {
         length("normals", normals.len())?;
     }

@@ -25,6 +25,13 @@ pub struct Primitive {
     pub colors: Option<Vec<Vec4>>,
     /// What the surface looks like.
     pub material: BaseColor,
+    /// Whether alpha is a mask: what has at least this much is there and opaque, the rest is not. `None`: alpha is
+    /// the opacity. A texture's texels are compared before they are filtered, vertex colours after they are
+    /// interpolated, each times the factor.
+    pub alpha_cutoff: Option<f32>,
+    /// Whether its backs are to be seen. [`sample`](crate::sample()) asks for it where a mesh is not opaque; formats that
+    /// say nothing of sides mean `true`.
+    pub double_sided: bool,
     /// From the primitive's space to the mesh's.
     pub primitive_to_mesh: DAffine3,
 }

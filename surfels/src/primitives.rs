@@ -104,6 +104,8 @@ fn patch(
         tex_coords: Some(tex_coords),
         colors: None,
         material: BaseColor::default(),
+        alpha_cutoff: None,
+        double_sided: true,
         primitive_to_mesh: DAffine3::IDENTITY,
     }
 }

@@ -66,9 +66,12 @@ const MOST_POINTS: [usize; 2] = [64, 2];
 /// - opacity: the colour's alpha, if it is below 1 anywhere.
 ///
 /// The depth tolerance is two radii (2 [`KERNEL_SIGMA`] spacings: at one, creases fall apart), the coverage
-/// floor [`COVERAGE_FLOOR`], and the surface is closed if [`Mesh::is_closed`]. Triangles without area are
-/// left out. The spacing grows where it must: beyond [`SamplerSettings::max_surfels`], and below a millionth of the bounds, which
+/// floor [`COVERAGE_FLOOR`]. Triangles without area are left out. The spacing grows where it must: beyond [`SamplerSettings::max_surfels`], and below a millionth of the bounds, which
 /// single-precision positions do not resolve.
+///
+/// A mesh that is opaque everywhere shows both sides; one that is not drops its backs if nothing in it is
+/// [`double_sided`](crate::Primitive::double_sided). [`Surface::closed`] says that backs are dropped, which they also
+/// are where the mesh is opaque and [`Mesh::is_closed`], since nobody outside sees them.
 ///
 /// # Errors
 /// When the mesh has no area, an array of it is inconsistent, a number is not finite, the density is not
@@ -116,7 +119,7 @@ pub fn sample(mesh: &Mesh, density: Density, settings: &SamplerSettings) -> Resu
         let look = Appearance::new(&facets, &textures);
         let surfel = |sample| Surfel::new(&points, &cells, &look, sample);
         let surfels: Vec<Surfel> = (0..cells.samples.len()).into_par_iter().filter_map(surfel).collect();
-        let splats = splats(&surfels, spacing, mesh.is_closed(), settings);
+        let splats = splats(mesh, &surfels, spacing, settings);
         return Ok(Cloud::new(splats)?.transformed(DAffine3::from_translation(middle)));
     }
 }
@@ -154,7 +157,7 @@ impl Surfel {
     }
 }
 
-fn splats(surfels: &[Surfel], spacing: f64, closed: bool, settings: &SamplerSettings) -> Splats {
+fn splats(mesh: &Mesh, surfels: &[Surfel], spacing: f64, settings: &SamplerSettings) -> Splats {
     let length = spacing as f32;
     let radius = KERNEL_SIGMA * length;
     let map = |surfel: &Surfel| surfel.center * length;
@@ -174,7 +177,7 @@ fn splats(surfels: &[Surfel], spacing: f64, closed: bool, settings: &SamplerSett
             opacities: translucent.then(opacities),
             depth_tolerance: 2.0 * radius,
             coverage_floor: COVERAGE_FLOOR,
-            closed,
+            closed: if translucent { mesh.is_single_sided() } else { mesh.is_closed() },
         }),
         colors: surfels.par_iter().map(color).collect(),
         harmonics: None,

@@ -8,9 +8,17 @@ use rayon::prelude::*;
 /// A texture and its means over ever larger boxes: linear, premultiplied.
 pub(crate) struct Pyramid<'a> {
     texture: &'a Texture,
+    mask: Option<Mask>,
     to_linear: [f32; 256],
     /// Levels 1 and up; level 0 is the texture itself.
     means: Vec<Level>,
+}
+
+/// Makes a texel opaque if its alpha times `factor` is at least `cutoff`, and nothing if not.
+#[derive(Clone, Copy)]
+pub(crate) struct Mask {
+    pub(crate) factor: f32,
+    pub(crate) cutoff: f32,
 }
 
 struct Level {
@@ -21,9 +29,9 @@ struct Level {
 
 impl<'a> Pyramid<'a> {
     /// Averages a texture whose texels fill its rows, down to one texel.
-    pub(crate) fn new(texture: &'a Texture) -> Self {
+    pub(crate) fn new(texture: &'a Texture, mask: Option<Mask>) -> Self {
         let to_linear = std::array::from_fn(|i| srgb_to_linear(i as f32 / 255.0));
-        let mut pyramid = Self { texture, to_linear, means: Vec::new() };
+        let mut pyramid = Self { texture, mask, to_linear, means: Vec::new() };
         let (mut width, mut height) = (texture.width, texture.height);
         while width > 1 || height > 1 {
             let level = pyramid.means.len();
@@ -46,12 +54,21 @@ impl<'a> Pyramid<'a> {
     }
 
     /// The mean colour around `at` over about `area` squared texels: linear, premultiplied. The levels
-    /// are interpolated trilinearly.
+    /// are interpolated trilinearly. A mask is as sharp as the area, however large its texels are.
     pub(crate) fn sample(&self, at: Vec2, area: f32) -> Vec4 {
         let level = (0.5 * area.max(1.0).log2()).min(self.means.len() as f32);
         let fine = level as usize;
         let here = self.bilinear(fine, at);
-        if level > fine as f32 { here.lerp(self.bilinear(fine + 1, at), level - fine as f32) } else { here }
+        if level > fine as f32 {
+            return here.lerp(self.bilinear(fine + 1, at), level - fine as f32);
+        }
+        if self.mask.is_none() || here.w == 0.0 {
+            return here;
+        }
+        // Between two texels alpha goes from 0 to 1 on the length of a texel; here on that of the area.
+        let width = area.sqrt().clamp(1e-6, 1.0);
+        let alpha = ((here.w - 0.5) / width + 0.5).clamp(0.0, 1.0);
+        here * (alpha / here.w)
     }
 
     /// Width and height in texels.
@@ -75,6 +92,7 @@ impl<'a> Pyramid<'a> {
         }
         let [r, g, b, a] = self.texture.texels[y * self.texture.width + x];
         let alpha = f32::from(a) / 255.0;
+        let alpha = self.mask.map_or(alpha, |mask| f32::from(alpha * mask.factor >= mask.cutoff));
         let linear = |v: u8| self.to_linear[usize::from(v)] * alpha;
         Vec4::new(linear(r), linear(g), linear(b), alpha)
     }

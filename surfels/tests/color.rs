@@ -136,3 +136,78 @@ fn transparent_texels_lend_no_colour() {
         assert!((opacity - 0.5).abs() < 1e-4, "{opacity}");
     }
 }
+
+#[test]
+fn masks_are_compared_texel_by_texel_before_they_are_filtered() {
+    // 8 texels a point: alphas of 0.4 and 0.8, of which the cut-offs let none, every other or all through.
+    let texel = |x: usize, _: usize| if x.is_multiple_of(2) { [255, 0, 0, 204] } else { [0, 255, 0, 102] };
+    let picture = texture([256, 256], Wrap::Repeat, texel);
+    for (cutoff, factor, expected) in
+        [(0.5, 1.0, 0.5), (0.3, 0.5, 0.5), (0.4, 1.0, 1.0), (0.3, 1.0, 1.0), (0.9, 1.0, 0.0), (0.5, 0.5, 0.0)]
+    {
+        let factor = Vec4::ONE.with_w(factor);
+        let mut mesh = square(BaseColor { factor, texture: picture.clone() });
+        mesh.primitives[0].alpha_cutoff = Some(cutoff);
+        let cloud = surfels(&mesh, 1000);
+        let opacities = surface(&cloud).opacities.unwrap_or_else(|| vec![1.0; cloud.len()]);
+        for (color, opacity) in cloud.splats().colors.iter().zip(opacities) {
+            assert!((opacity - expected).abs() < 1e-4, "{opacity} with {cutoff}, {factor}");
+            let green = [0.0, 0.0, 0.5][(2.0 * expected) as usize];
+            assert!((color[1] - green).abs() < 1e-4, "{color:?} with {cutoff}, {factor}");
+        }
+    }
+}
+
+#[test]
+fn one_texture_with_two_masks() {
+    let picture = texture([8, 8], Wrap::Clamp, |_, _| [255, 255, 255, 128]);
+    let mut mesh = square(BaseColor { factor: Vec4::ONE, texture: picture });
+    let mut above = mesh.primitives[0].clone();
+    above.primitive_to_mesh = DAffine3::from_translation(glam::DVec3::Y);
+    mesh.primitives.push(above);
+    mesh.primitives[0].alpha_cutoff = Some(0.6);
+    mesh.primitives[1].alpha_cutoff = Some(0.4);
+    let cloud = surfels(&mesh, 200);
+    for (center, opacity) in centers(&cloud).iter().zip(surface(&cloud).opacities.unwrap()) {
+        assert_eq!(opacity, center.y.round() as f32, "{center}");
+    }
+}
+
+#[test]
+fn coarse_masks_keep_their_edges() {
+    // Two texels, 50 surfels each: filtered as colours are, the edge would be as wide as one of them.
+    let halves = texture([2, 1], Wrap::Clamp, |x, _| [255, 255, 255, if x == 0 { 255 } else { 0 }]);
+    let mut mesh = square(BaseColor { factor: Vec4::ONE, texture: halves });
+    mesh.primitives[0].alpha_cutoff = Some(0.5);
+    let cloud = surfels(&mesh, 10_000);
+    let opacities = surface(&cloud).opacities.unwrap();
+    for (center, opacity) in centers(&cloud).iter().zip(&opacities) {
+        if center.x.abs() > 0.04 {
+            let expected = if center.x < 0.0 { 1.0 } else { 0.0 };
+            assert!((opacity - expected).abs() < 1e-6, "{opacity} at {center}");
+        }
+    }
+    // Half of the square is there, to a twentieth of a surfel along the edge of 100.
+    let areas = surface(&cloud).areas;
+    let shown: f32 = areas.iter().zip(&opacities).map(|(area, opacity)| area * opacity).sum();
+    assert!((shown / 4.0 - 0.5).abs() < 5e-4, "{shown}");
+}
+
+#[test]
+fn masks_compare_factor_times_vertex_colour() {
+    let mut mesh = square(BaseColor { factor: Vec4::new(1.0, 0.5, 1.0, 0.8), texture: None });
+    mesh.primitives[0].alpha_cutoff = Some(0.4);
+    let alpha = |p: &glam::Vec3| Vec4::new(1.0, 1.0, 1.0, (1.0 - p.x) / 2.0);
+    mesh.primitives[0].colors = Some(mesh.primitives[0].positions.iter().map(alpha).collect());
+    let cloud = surfels(&mesh, 10_000);
+    let opacities = surface(&cloud).opacities.unwrap();
+    for ((center, color), opacity) in centers(&cloud).iter().zip(&cloud.splats().colors).zip(opacities) {
+        // 0.8 · (1 − x) / 2 ≥ 0.4 where x ≤ 0; a surfel owns two spacings.
+        if center.x.abs() > 0.04 {
+            assert_eq!(opacity, if center.x < 0.0 { 1.0 } else { 0.0 }, "{center}");
+        }
+        let expected = if opacity > 0.0 { [1.0, 0.5, 1.0] } else { [0.0; 3] };
+        // A quotient of rounded means.
+        assert!(color.iter().zip(expected).all(|(c, e)| (c - e).abs() < 1e-6), "{color:?}");
+    }
+}

@@ -107,6 +107,35 @@ fn closed_meshes_are_told_from_open_ones() {
 }
 
 #[test]
+fn backs_are_dropped_where_nobody_sees_them_or_the_file_asks_for_it() {
+    let drops_backs = |shapes: &[(Primitive, f32, bool)]| {
+        let part = |(shape, alpha, double_sided): &(Primitive, f32, bool)| {
+            let mut part = Primitive { double_sided: *double_sided, ..shape.clone() };
+            part.material.factor.w = *alpha;
+            part
+        };
+        surface(&surfels(&Mesh { primitives: shapes.iter().map(part).collect() }, 300).unwrap()).closed
+    };
+    let (ball, sheet) = (primitives::sphere(40), primitives::plane(2));
+    for (alpha, double_sided, of_ball, of_sheet) in [
+        (1.0, true, true, false),
+        (1.0, false, true, false),
+        (0.5, true, false, false),
+        (0.5, false, true, true),
+    ] {
+        assert_eq!(drops_backs(&[(ball.clone(), alpha, double_sided)]), of_ball, "{alpha} {double_sided}");
+        assert_eq!(drops_backs(&[(sheet.clone(), alpha, double_sided)]), of_sheet, "{alpha} {double_sided}");
+    }
+    let far =
+        Primitive { primitive_to_mesh: DAffine3::from_translation(dvec3(5.0, 0.0, 0.0)), ..ball.clone() };
+    let pair = |first: (f32, bool), second: (f32, bool)| {
+        drops_backs(&[(ball.clone(), first.0, first.1), (far.clone(), second.0, second.1)])
+    };
+    assert!(pair((1.0, true), (1.0, false)) && pair((0.5, false), (1.0, false)));
+    assert!(!pair((0.5, false), (1.0, true)) && !pair((0.5, false), (0.5, true)));
+}
+
+#[test]
 fn the_same_for_any_number_of_threads() {
     let mesh = mesh_of(primitives::torus_knot(2, 3, 0.2, [300, 40]), DAffine3::IDENTITY);
     let with = |threads| {
@@ -197,6 +226,7 @@ fn wrong_meshes_are_refused() {
     assert_eq!(refused(&|p| p.positions[2].y = f32::NAN), not_finite("position", 2));
     assert_eq!(refused(&|p| p.primitive_to_mesh.translation.x = f64::INFINITY), not_finite("transform", 0));
     assert_eq!(refused(&|p| p.material.factor.w = f32::NAN), not_finite("base colour factor", 0));
+    assert_eq!(refused(&|p| p.alpha_cutoff = Some(f32::NAN)), not_finite("alpha cut-off", 0));
     assert_eq!(refused(&|p| p.colors = Some(vec![Vec4::NAN; 4])), not_finite("colour", 0));
     let coords = |p: &mut Primitive| p.tex_coords = Some(vec![Vec2::INFINITY; 4]);
     assert_eq!(refused(&coords), not_finite("texture coordinate", 0));

@@ -8,3 +8,4 @@ mod place;
 mod render;
 mod scene_files;
 mod splats;
+mod translucent;

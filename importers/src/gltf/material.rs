@@ -13,22 +13,16 @@ use oblate_surfels::{BaseColor, Texture, Wrap};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// What alpha means.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) enum Alpha {
-    Opaque,
-    /// A texel is there if its alpha (0 to 255) is at least this.
-    Mask(u32),
-    Blend,
-}
-
 /// A material as a primitive needs it.
 #[derive(Clone)]
 pub(crate) struct Look {
     pub(crate) color: BaseColor,
     /// Which set of texture coordinates the texture is on, and how these are moved.
     pub(crate) tex_coords: Option<(u32, UvTransform)>,
+    /// Whether alpha means nothing, in vertex colours too.
     pub(crate) opaque: bool,
+    pub(crate) alpha_cutoff: Option<f32>,
+    pub(crate) double_sided: bool,
 }
 
 /// Texture coordinates to those that are looked up (KHR_texture_transform).
@@ -57,7 +51,8 @@ impl UvTransform {
 pub(crate) struct Materials<'a> {
     file: &'a File,
     root: &'a Root,
-    textures: HashMap<(usize, Alpha), Arc<Texture>>,
+    /// By index and whether they are made opaque.
+    textures: HashMap<(usize, bool), Arc<Texture>>,
 }
 
 impl<'a> Materials<'a> {
@@ -72,7 +67,14 @@ impl<'a> Materials<'a> {
         buffers: &Buffers<'_>,
     ) -> Result<Look, ImportError> {
         let Some(index) = index else {
-            return Ok(Look { color: BaseColor::default(), tex_coords: None, opaque: true });
+            let color = BaseColor::default();
+            return Ok(Look {
+                color,
+                tex_coords: None,
+                opaque: true,
+                alpha_cutoff: None,
+                double_sided: false,
+            });
         };
         let place = || Place::Part(format!("material {}", index.value()));
         let missing = || self.file.malformed(place(), "is named, but not there");
@@ -88,25 +90,15 @@ impl<'a> Materials<'a> {
             return Err(self.file.malformed(place(), problem));
         }
         let mut factor = Vec4::from_array(factor);
-        let alpha = match material.alpha_mode {
-            Checked::Valid(AlphaMode::Opaque) => Alpha::Opaque,
-            Checked::Valid(AlphaMode::Mask) => {
-                let cutoff = material.alpha_cutoff.map_or(0.5, |cutoff| cutoff.0);
-                let texel_cutoff = (255.0 * cutoff / factor.w).ceil();
-                // A factor of 0 passes a cut-off of 0 alone.
-                Alpha::Mask(if texel_cutoff.is_nan() { 0 } else { texel_cutoff.clamp(0.0, 256.0) as u32 })
-            }
-            Checked::Valid(AlphaMode::Blend) => Alpha::Blend,
-            Checked::Invalid => {
-                return Err(self.file.malformed(place(), "alphaMode must be OPAQUE, MASK or BLEND"));
-            }
+        let Checked::Valid(mode) = material.alpha_mode else {
+            return Err(self.file.malformed(place(), "alphaMode must be OPAQUE, MASK or BLEND"));
         };
-        match alpha {
-            Alpha::Opaque => factor.w = 1.0,
-            // Without a texture the factor alone is compared.
-            Alpha::Mask(cutoff) => factor.w = if info.is_some() || cutoff <= 255 { 1.0 } else { 0.0 },
-            Alpha::Blend => {}
+        let opaque = mode == AlphaMode::Opaque;
+        if opaque {
+            factor.w = 1.0;
         }
+        let cutoff = || material.alpha_cutoff.map_or(0.5, |cutoff| cutoff.0);
+        let alpha_cutoff = (mode == AlphaMode::Mask).then(cutoff);
         let transform = |info: &Info| {
             let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
             let set = transform.and_then(|t| t.tex_coord).unwrap_or(info.tex_coord);
@@ -114,19 +106,20 @@ impl<'a> Materials<'a> {
         };
         let tex_coords = info.as_ref().map(transform);
         let texture = match info {
-            Some(info) => Some(self.texture(info.index, alpha, buffers)?),
+            Some(info) => Some(self.texture(info.index, opaque, buffers)?),
             None => None,
         };
-        Ok(Look { color: BaseColor { factor, texture }, tex_coords, opaque: alpha != Alpha::Blend })
+        let color = BaseColor { factor, texture };
+        Ok(Look { color, tex_coords, opaque, alpha_cutoff, double_sided: material.double_sided })
     }
 
     fn texture(
         &mut self,
         index: Index<JsonTexture>,
-        alpha: Alpha,
+        opaque: bool,
         buffers: &Buffers<'_>,
     ) -> Result<Arc<Texture>, ImportError> {
-        if let Some(texture) = self.textures.get(&(index.value(), alpha)) {
+        if let Some(texture) = self.textures.get(&(index.value(), opaque)) {
             return Ok(Arc::clone(texture));
         }
         let place = || Place::Part(format!("texture {}", index.value()));
@@ -158,16 +151,11 @@ impl<'a> Materials<'a> {
         };
         let mut texture =
             texture::decode(bytes, wrap).map_err(|problem| self.file.malformed(image_place(), problem))?;
-        for texel in &mut texture.texels {
-            texel[3] = match alpha {
-                Alpha::Opaque => 255,
-                Alpha::Mask(cutoff) if u32::from(texel[3]) >= cutoff => 255,
-                Alpha::Mask(_) => 0,
-                Alpha::Blend => texel[3],
-            };
+        if opaque {
+            texture.texels.iter_mut().for_each(|texel| texel[3] = 255);
         }
         let texture = Arc::new(texture);
-        self.textures.insert((index.value(), alpha), Arc::clone(&texture));
+        self.textures.insert((index.value(), opaque), Arc::clone(&texture));
         Ok(texture)
     }
 }

@@ -5,7 +5,9 @@
 //! oblate's. The default scene is read, else all nodes; each use of a mesh by a node is a primitive with
 //! the node's transform. Points and lines are left out; skins and morph weights are refused, as are
 //! required extensions that could change shape or base colour. Vertex colours are linear; alpha counts as
-//! the material's `alphaMode` says: `OPAQUE` makes it 1, `MASK` makes it 0 or 1 texel by texel.
+//! the material's `alphaMode` says: `OPAQUE` makes it 1, `MASK` makes it 0 or 1 texel by texel (vertex colours have
+//! to pass the cut-off too, by themselves). `doubleSided` counts where a mesh is not opaque (glTF 2.0, 3.9.5,
+//! drops the backs of opaque ones too, but scans are looked at from behind).
 
 mod accessor;
 mod buffers;

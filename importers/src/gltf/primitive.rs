@@ -87,6 +87,8 @@ impl Reader<'_, '_> {
             tex_coords,
             colors,
             material: look.color,
+            alpha_cutoff: look.alpha_cutoff,
+            double_sided: look.double_sided,
             primitive_to_mesh,
         })
     }

@@ -58,6 +58,8 @@ pub(super) fn read(file: &File, header: &Header, options: &OpenOptions) -> Resul
         tex_coords: vertices.tex_coords,
         colors: vertices.colors,
         material,
+        alpha_cutoff: None,
+        double_sided: true,
         primitive_to_mesh: DAffine3::IDENTITY,
     };
     mesh(file, vec![primitive])

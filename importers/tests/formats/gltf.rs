@@ -234,13 +234,17 @@ fn alpha_and_moved_textures() {
     let folder = Folder::new();
     let opaque = folder.primitive("a.glb", changed(&[("BLEND", "OPAQUE")]));
     assert_eq!(opaque.material.factor.w, 1.0);
-    assert!(opaque.colors.unwrap().iter().all(|color| color.w == 1.0));
+    assert!(opaque.colors.iter().flatten().all(|color| color.w == 1.0));
     assert!(opaque.material.texture.unwrap().texels.iter().all(|texel| texel[3] == 255));
-    // The factor 0.25 times 128/255 is 0.125: below the cut-off 0.2, above 0.1.
-    for (cutoff, alpha) in [("0.2", 0), ("0.1", 255)] {
-        let mask = format!("MASK\", \"alphaCutoff\": {cutoff}, \"name\": \"x");
-        let masked = folder.primitive("a.glb", changed(&[("BLEND", &mask)])).material;
-        assert_eq!((masked.factor.w, masked.texture.unwrap().texels[3][3]), (1.0, alpha));
+    let blended = folder.primitive("a.glb", example_glb());
+    let alphas = blended.colors.iter().flatten().map(|color| color.w);
+    assert_eq!(alphas.collect::<Vec<_>>(), [0.0, 0.0, 0.0, 1.0]);
+    assert_eq!((opaque.alpha_cutoff, blended.alpha_cutoff), (None, None));
+    // The alphas stay as they are: the sampler compares them.
+    for (mode, cutoff) in [("MASK\", \"alphaCutoff\": 0.2, \"name\": \"x", 0.2), ("MASK", 0.5)] {
+        let masked = folder.primitive("a.glb", changed(&[("BLEND", mode)]));
+        assert_eq!(masked.alpha_cutoff, Some(cutoff));
+        assert_eq!((&masked.material, &masked.colors), (&blended.material, &blended.colors));
     }
     let moved = r#""texCoord": 1, "extensions": {"KHR_texture_transform": {"offset": [0.5, 0], "scale": [2, 3], "rotation": 1.57079633}}"#;
     let uvs = folder.primitive("a.glb", changed(&[("\"texCoord\": 1", moved)])).tex_coords.unwrap();
@@ -254,6 +258,18 @@ fn alpha_and_moved_textures() {
         changed(&[("\"texCoord\": 1", "\"texCoord\": 0")]),
         &["primitive 0", "TEXCOORD_0"],
     );
+}
+
+#[test]
+fn sides() {
+    let folder = Folder::new();
+    let double_sided = |pairs: &[(&str, &str)]| folder.primitive("a.glb", changed(pairs)).double_sided;
+    assert!(!double_sided(&[]));
+    assert!(!double_sided(&[("\"material\": 0, ", "")]));
+    for (said, expected) in [("true", true), ("false", false)] {
+        let said = format!("\"doubleSided\": {said}, \"alphaMode\"");
+        assert_eq!(double_sided(&[("\"alphaMode\"", &said)]), expected);
+    }
 }
 
 #[test]
