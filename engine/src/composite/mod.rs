@@ -162,7 +162,7 @@ impl Compositor<'_> {
                     opening.finish::<DEPTH>(simd, policy, open);
                     opening.store(seen, open);
                     if DEPTH {
-                        through = through.pass(simd, seen, cut);
+                        through = through.pass(simd, seen.opacity.load(simd), cut);
                     }
                 }
             }
@@ -266,7 +266,7 @@ impl Compositor<'_> {
             let ray_length = self.lens.ray_lengths(simd, pixels, here.tile);
             let distance = kernels.distance(simd, number, pixels, depth * ray_length);
             let color = kernels.color(number);
-            let mut fragment = Fragment {
+            let fragment = Fragment {
                 kernels,
                 number,
                 corner,
@@ -280,36 +280,41 @@ impl Compositor<'_> {
             };
             if whole >> number & 1 != 0 {
                 opening.add::<DEPTH>(simd, fragment, policy, open);
-            } else if segments == 1 {
-                let shares = Shares::new(simd, &fragments, self.lens.near);
-                shares.first(simd, cuts.depth(0, here.block).load(simd)).cut(simd, &mut fragment);
+                continue;
+            }
+            let is_behind_near = kernels.whole >> number & 1 != 0;
+            let shares = Shares::new(simd, &fragments, (!is_behind_near).then_some(self.lens.near));
+            let own = shares.first(simd, cuts.depth(0, here.block).load(simd));
+            if own.is_any(simd) {
+                let mut fragment = fragment;
+                own.cut(simd, &mut fragment);
                 opening.add::<DEPTH>(simd, fragment, policy, open);
-            } else {
-                opening.store(&mut runs.segments[0][here.block], open);
-                let shares = Shares::new(simd, &fragments, self.lens.near);
-                self.add_shares::<S, O, DEPTH>(simd, (here, policy), (fragment, shares), (cuts, opens, runs));
-                opening = O::load(simd, &runs.segments[0][here.block], &mut opens[0][here.block]);
+            }
+            if segments > 1 {
+                let through =
+                    Through::all(simd).pass(simd, opening.seen().opacity, cuts.layers(here.block).next());
+                let rest = (fragment, shares.rest(&own), through);
+                self.add_rest::<S, O, DEPTH>(simd, (here, policy), rest, (cuts, opens, runs));
             }
         }
         opening.store(&mut runs.segments[0][here.block], &mut opens[0][here.block]);
     }
 
-    /// Shares a kernel of any kind and form out between the runs of a block.
+    /// Shares what lies behind the first cut of a kernel of any kind and form out between the other runs of a block.
     #[inline(always)]
-    fn add_shares<S: Simd, O: Opening<S>, const DEPTH: bool>(
+    fn add_rest<S: Simd, O: Opening<S>, const DEPTH: bool>(
         &self,
         simd: S,
         (here, policy): (Here, O::Policy),
-        (fragment, mut shares): (Fragment<S>, Shares<S>),
+        (fragment, mut shares, mut through): (Fragment<S>, Shares<S>, Through<S>),
         (cuts, opens, runs): (&Cuts, &mut [Vec<O::Open>], &mut Runs),
     ) {
         let segments = cuts.block(here.block).segments;
-        let mut through = Through::all(simd);
         let layers = cuts.layers(here.block).map(Some).chain(std::iter::repeat(None));
-        for ((segment, cut), opens) in (0..segments).zip(layers).zip(opens) {
+        for ((segment, cut), opens) in (0..segments).zip(layers).zip(opens).skip(1) {
             let own = shares.first(simd, cuts.depth(segment, here.block).load(simd));
             let (seen, open) = (&mut runs.segments[segment][here.block], &mut opens[here.block]);
-            if own.share.simd_gt(W::simd_from(simd, 0.0)).any_true() {
+            if own.is_any(simd) {
                 if DEPTH {
                     through.tell(simd, seen);
                 }
@@ -320,7 +325,7 @@ impl Compositor<'_> {
                 opening.store(seen, open);
             }
             if DEPTH {
-                through = through.pass(simd, seen, cut);
+                through = through.pass(simd, seen.opacity.load(simd), cut);
             }
             shares = shares.rest(&own);
         }

@@ -162,11 +162,11 @@ impl<S: Simd> Through<S> {
         next.half.store(W::simd_from(simd, 1.0) - W::simd_from(simd, 0.5) / self.0.max(least));
     }
 
-    /// Passes a segment and the cut behind it.
+    /// Passes a segment of an opacity and the cut behind it.
     #[inline(always)]
-    pub(super) fn pass(self, simd: S, segment: &Seen, cut: Option<&Cut>) -> Self {
+    pub(super) fn pass(self, simd: S, opacity: W<S>, cut: Option<&Cut>) -> Self {
         let one = W::simd_from(simd, 1.0);
         let alpha = cut.map_or(W::simd_from(simd, 0.0), |cut| cut.alpha.load(simd));
-        Self(self.0 * (one - segment.opacity.load(simd)) * (one - alpha))
+        Self(self.0 * (one - opacity) * (one - alpha))
     }
 }

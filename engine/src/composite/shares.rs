@@ -18,7 +18,7 @@ pub(super) struct Shares<S: Simd> {
 
 /// What a segment has of a kernel.
 pub(super) struct Share<S: Simd> {
-    pub(super) share: W<S>,
+    share: W<S>,
     from: W<S>,
     to: W<S>,
     /// All until the segment's end.
@@ -26,10 +26,15 @@ pub(super) struct Share<S: Simd> {
 }
 
 impl<S: Simd> Shares<S> {
+    /// Of what lies behind the near plane, or of all.
     #[inline(always)]
-    pub(super) fn new(simd: S, fragments: &Fragments<S>, near: f32) -> Self {
+    pub(super) fn new(simd: S, fragments: &Fragments<S>, near: Option<f32>) -> Self {
         let Fragments { depth, sigma_z, .. } = *fragments;
         let inverse = reciprocal(simd, sigma_z.max(W::simd_from(simd, 1e-20)));
+        let Some(near) = near else {
+            let (from, before) = (W::simd_from(simd, -1e30), W::simd_from(simd, 0.0));
+            return Self { depth, inverse, from, before };
+        };
         let from = W::simd_from(simd, near);
         Self { depth, inverse, from, before: normal_cdf(simd, (from - depth) * inverse) }
     }
@@ -52,6 +57,12 @@ impl<S: Simd> Shares<S> {
 }
 
 impl<S: Simd> Share<S> {
+    /// Whether any pixel has one.
+    #[inline(always)]
+    pub(super) fn is_any(&self, simd: S) -> bool {
+        self.share.simd_gt(W::simd_from(simd, 0.0)).any_true()
+    }
+
     /// Leaves of a whole kernel its share.
     #[inline(always)]
     pub(super) fn cut(&self, simd: S, fragment: &mut Fragment<S>) {

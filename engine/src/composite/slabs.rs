@@ -6,7 +6,7 @@
 use super::before;
 use super::opening::{Fragment, Opening, Plain};
 use super::seen::{Seeing, Seen};
-use crate::closing::{Closing, Slabs, share_of_box, share_of_normal};
+use crate::closing::{BOX, Closing, Slabs, share_of_box, share_of_normal};
 use crate::raster::{Kernels, SlabShare};
 use crate::simd::*;
 use crate::tile::Plane;
@@ -132,18 +132,19 @@ struct Matter<S: Simd> {
 }
 
 impl<S: Simd> Matter<S> {
-    /// The mean z of what lies in a slab from a distance on, of a spread with an inverse σ: where the kernel is if it is much
-    /// narrower than the slab, and towards there from the slab's middle if it is wider.
+    /// The mean z of what lies in a slab from a distance on, of a spread with an inverse σ: as of a box with that σ.
     #[inline(always)]
     fn depth_in<const DEPTH: bool>(&self, simd: S, (from, thickness): (f32, f32), inverse: f32) -> W<S> {
         if !DEPTH {
             return self.depth;
         }
-        let half = W::simd_from(simd, 0.5 * thickness);
-        let pull = ((thickness * inverse).powi(2) * (1.0 / 12.0)).min(1.0);
-        let from_middle = (self.distance - (from + 0.5 * thickness)) * pull;
-        let inside = from_middle.max(-half).min(half) + (from + 0.5 * thickness);
-        self.depth * inside / self.distance.max(W::simd_from(simd, 1e-20))
+        let (begin, end) = (W::simd_from(simd, from), W::simd_from(simd, from + thickness));
+        let half = 0.5 * BOX / inverse;
+        let ends = [self.distance - half, self.distance + half].each(
+            #[inline(always)]
+            |end_of_box| end_of_box.max(begin).min(end),
+        );
+        self.depth * (ends[0] + ends[1]) * 0.5 / self.distance.max(W::simd_from(simd, 1e-20))
     }
 }
 
