@@ -124,7 +124,7 @@ fn cases() -> Vec<Case> {
                 fog([12; 3], DVec3::splat(0.2), 0.2, [0.1, 0.3, 0.2]),
             ]),
             camera: view,
-            bounds: [50.5, 47.0, 0.03],
+            bounds: [53.0, 47.5, 0.02],
         },
         Case {
             name: "surfaces one behind the other",
