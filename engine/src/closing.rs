@@ -108,15 +108,24 @@ pub(crate) fn share_of_box<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
     x.mul_add(F::simd_from(simd, 1.0 / BOX), half).max(zero).min(one)
 }
 
-/// Behind it there are no others: sorting has as many bits.
+/// Slabs go by the clouds with the smallest kernels, down to this share of the largest: a kernel that touches ten thousand slabs
+/// would take as long as a thousand that touch one or two each.
+const LARGEST_RATIO: f64 = 1024.0;
+
+/// Behind it there are no others: sorting has as many bits, and single precision tells as many distances apart.
 const LAST_SLAB: u32 = (1 << 22) - 1;
 
 impl Closing {
-    /// What a frame's order asks for.
+    /// What a frame's order asks for, of kernels that are as far as `farthest` away at most.
     ///
     /// # Errors
     /// When sheets are asked for and the first cloud of kernels is no grid.
-    pub(crate) fn new(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> Result<Self, SceneError> {
+    pub(crate) fn new(
+        scene: &Scene,
+        camera: &Camera,
+        settings: &RenderSettings,
+        farthest: f32,
+    ) -> Result<Self, SceneError> {
         let volumes =
             || scene.clouds.iter().filter(|cloud| !matches!(cloud.columns().kind, Kind::Surface(_)));
         let thickness = match settings.order {
@@ -131,13 +140,16 @@ impl Closing {
                 return Sheets::new(volumes().next(), camera, spacing).map(Self::Sheets);
             }
         };
-        let medians = volumes().filter_map(Cloud::median_sigma);
-        let sigma = medians.min_by(f64::total_cmp).unwrap_or(1.0);
+        let medians = || volumes().filter_map(Cloud::median_sigma);
+        let largest = medians().max_by(f64::total_cmp).unwrap_or(1.0);
+        let least = medians().min_by(f64::total_cmp).unwrap_or(1.0);
+        let sigma = least.max(largest / LARGEST_RATIO);
+        let depth = (f64::from(farthest) - camera.near()).max(0.0);
         let is_corrected = settings.baseline != Some(Baseline::UncorrectedShares);
         Ok(Self::Slabs(Slabs {
             lens: Lens::new(camera, settings.low_pass),
             near: camera.near(),
-            thickness: thickness * sigma,
+            thickness: (thickness * sigma).max(depth / f64::from(LAST_SLAB)),
             added: if is_corrected { 1.0 / 6.0 } else { 0.0 },
         }))
     }

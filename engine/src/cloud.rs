@@ -75,7 +75,8 @@ pub struct Surface {
     pub depth_tolerance: f32,
     /// The floor w₀ of the summed coverage that the sampler guarantees away from borders, in (0, 1].
     pub coverage_floor: f32,
-    /// A closed surface drops the splats whose normal points away from the camera.
+    /// Whether splats whose normal points away from the camera are dropped: of closed surfaces, whose backs nobody outside
+    /// sees, and of those whose backs are not to be seen.
     pub closed: bool,
 }
 

@@ -117,7 +117,8 @@ impl Renderer {
         settings.validate()?;
         let splats = scene.validate()?;
         watched(observer, Stage::Cull, || self.cull(scene, camera, settings));
-        let closing = Closing::new(scene, camera, settings)?;
+        let farthest = self.visible[1].iter().map(|range| range.distances[1]).fold(0.0, f32::max);
+        let closing = Closing::new(scene, camera, settings, farthest)?;
         watched(observer, Stage::Footprint, || self.project(scene, camera, (settings, closing)));
         self.surfaces.list_by_cluster(observer, (camera.size(), self.tile_side), &mut self.scratch);
         self.volumes.list_by_distance(

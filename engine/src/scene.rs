@@ -74,7 +74,8 @@ pub enum Order {
     /// At spheres around the eye, or planes where rays are parallel: no order within a slab. Kernels are shared out between
     /// slabs as if they were narrower by what the slabs spread them.
     Slabs {
-        /// In median σ of the cloud's kernels along rays from anywhere (the least of the clouds'), above 0.
+        /// In σ of kernels along rays from anywhere, above 0: the least of the clouds' medians of it, and at least 1/1024 of the
+        /// largest. No slab is thinner than what single precision tells apart at the farthest kernel.
         thickness: f64,
     },
     /// At the sheets of a grid that face the viewer most, as in Zwicker, Pfister, van Baar, Gross, *EWA Volume Splatting*,
@@ -87,7 +88,7 @@ pub enum Order {
 }
 
 impl Order {
-    /// The thickness of slabs where nothing is said: in median σ_z.
+    /// The thickness of slabs where nothing is said, in median σ of kernels.
     pub const THICKNESS: f64 = 2.0;
 }
 

@@ -66,8 +66,8 @@ const MOST_POINTS: [usize; 2] = [64, 2];
 /// - opacity: the colour's alpha, if it is below 1 anywhere.
 ///
 /// The depth tolerance is two radii (2 [`KERNEL_SIGMA`] spacings: at one, creases fall apart), the coverage
-/// floor [`COVERAGE_FLOOR`]. Triangles without area are left out. The spacing grows where it must: beyond [`SamplerSettings::max_surfels`], and below a millionth of the bounds, which
-/// single-precision positions do not resolve.
+/// floor [`COVERAGE_FLOOR`]. Triangles without area are left out. The spacing grows where it must: beyond
+/// [`SamplerSettings::max_surfels`], and below a millionth of the bounds, which single-precision positions do not resolve.
 ///
 /// A mesh that is opaque everywhere shows both sides; one that is not drops its backs if nothing in it is
 /// [`double_sided`](crate::Primitive::double_sided). [`Surface::closed`] says that backs are dropped, which they also

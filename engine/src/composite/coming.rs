@@ -1,6 +1,6 @@
 //! The records of a tile's list, batch by batch.
 
-use super::slabs::MOST_OPEN;
+use super::sums::MOST_OPEN;
 use crate::closing::Closing;
 use crate::footprint::Record;
 use crate::raster::{BATCH, SlabColumns};

@@ -9,6 +9,8 @@ mod opening;
 mod seen;
 mod shares;
 mod slabs;
+mod spread;
+mod sums;
 mod window;
 
 use seen::Through;
@@ -24,8 +26,9 @@ use centers::Centers;
 use coming::Coming;
 use opening::{Fragment, Opening, Plain};
 use shares::Shares;
-use slabs::{OpenSlabs, Slabbed};
+use slabs::Slabbed;
 use std::sync::atomic::AtomicU32;
+use sums::OpenSlabs;
 use window::{Window, Windowed};
 
 /// Adds fragments to runs.

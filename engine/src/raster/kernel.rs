@@ -123,11 +123,9 @@ impl Kernels {
             self.whole |= nearest.simd_gt(W::simd_from(simd, lens.near)).to_bitmask() << first;
         }
         if let Closing::Slabs(slabs) = &lens.closing {
-            self.slabs.boxes = 0;
             for first in self.outlines.sixteens() {
                 self.prepare_slabs(simd, (tile, slabs), first);
             }
-            self.slabs.narrow &= self.slabs.boxes;
         }
         self.masks = self.outlines.blocks(simd, tile, !hidden, rect);
     }

@@ -21,7 +21,6 @@ pub(crate) struct SlabColumns {
     inverse: Column,
     half: Column,
     normal_part: Column,
-    pub(super) boxes: u64,
     /// Boxes that touch no more than two slabs: shared out between the first and the next.
     pub(crate) narrow: u64,
     /// Pieces that begin, and that end, their records.
@@ -39,7 +38,6 @@ impl SlabColumns {
         inverse: [0.0; BATCH],
         half: [0.0; BATCH],
         normal_part: [0.0; BATCH],
-        boxes: 0,
         narrow: 0,
         begin: 0,
         end: 0,
@@ -87,7 +85,7 @@ pub(crate) struct SlabShare {
 }
 
 impl Kernels {
-    /// Finds how sixteen records are spread over slabs.
+    /// Finds how sixteen records are spread over slabs; only boxes may be narrow.
     #[inline(always)]
     pub(super) fn prepare_slabs<S: Simd>(&mut self, simd: S, (tile, slabs): (Tile, &Slabs), first: usize) {
         let outlines = &self.outlines;
@@ -109,7 +107,7 @@ impl Kernels {
             inverse: inverses,
             half: halves,
             normal_part: normal_parts,
-            boxes,
+            narrow,
             ..
         } = &mut self.slabs;
         center.store_slice(&mut distance[range.clone()]);
@@ -120,7 +118,8 @@ impl Kernels {
         normal_part.store_slice(&mut normal_parts[range.clone()]);
         inverse.store_slice(&mut inverses[range.clone()]);
         half.store_slice(&mut halves[range]);
-        *boxes |= normal_part.simd_le(W::simd_from(simd, 0.0)).to_bitmask() << first;
+        let wider = normal_part.simd_gt(W::simd_from(simd, 0.0)).to_bitmask();
+        *narrow &= !(wider << first);
     }
 
     /// The optical depth of a plain kernel that is spread as a box at pixels, and its share before a distance.

@@ -21,6 +21,7 @@ pub(crate) struct Look {
     pub(crate) tex_coords: Option<(u32, UvTransform)>,
     /// Whether alpha means nothing, in vertex colours too.
     pub(crate) opaque: bool,
+    /// See [`Primitive`](oblate_surfels::Primitive), as of the next one.
     pub(crate) alpha_cutoff: Option<f32>,
     pub(crate) double_sided: bool,
 }

@@ -1,0 +1,98 @@
+//! How a kernel, or what surfaces leave of it, is spread over slabs.
+
+use crate::closing::{BOX, share_of_box, share_of_normal};
+use crate::raster::SlabShare;
+use crate::simd::*;
+
+/// A kernel at pixels, or what a segment has of it.
+#[derive(Clone, Copy)]
+pub(super) struct Matter<S: Simd> {
+    pub(super) optical_depth: W<S>,
+    /// z, and the distance from the eye, where it is densest.
+    pub(super) depth: W<S>,
+    pub(super) distance: W<S>,
+    /// The distances between which all of it lies, of a share.
+    pub(super) segment: Option<[W<S>; 2]>,
+}
+
+impl<S: Simd> Matter<S> {
+    /// The mean z of what lies in a slab from a distance on, of a spread with an inverse σ: as of a box with that σ.
+    #[inline(always)]
+    pub(super) fn depth_in<const DEPTH: bool>(
+        &self,
+        simd: S,
+        (from, thickness): (f32, f32),
+        inverse: f32,
+    ) -> W<S> {
+        if !DEPTH {
+            return self.depth;
+        }
+        let (begin, end) = (W::simd_from(simd, from), W::simd_from(simd, from + thickness));
+        let half = 0.5 * BOX / inverse;
+        let ends = [self.distance - half, self.distance + half].each(
+            #[inline(always)]
+            |end_of_box| end_of_box.max(begin).min(end),
+        );
+        self.depth * (ends[0] + ends[1]) * 0.5 / self.distance.max(W::simd_from(simd, 1e-20))
+    }
+}
+
+/// The share of a kernel before a distance.
+pub(super) struct Cumulative<S: Simd> {
+    normal_part: f32,
+    cut: Option<CutOff<S>>,
+}
+
+/// Where a segment cuts a kernel, in its σ; its share is spread over the slabs between, as much as the kernel is there.
+struct CutOff<S: Simd> {
+    /// The spread that is shared out is narrower than the kernel, and may not reach the segment at all: then it is moved
+    /// so far that a part of it does.
+    shift: W<S>,
+    from: W<S>,
+    to: W<S>,
+    /// What lies before the segment, and 1 over what lies in it.
+    passed: W<S>,
+    scale: W<S>,
+}
+
+impl<S: Simd> Cumulative<S> {
+    #[inline(always)]
+    pub(super) fn new(simd: S, share: &SlabShare, matter: &Matter<S>) -> Self {
+        let SlabShare { inverse, normal_part, .. } = *share;
+        let Some([from, to]) = matter.segment else { return Self { normal_part, cut: None } };
+        let [from, to] = [(from - matter.distance) * inverse, (to - matter.distance) * inverse];
+        // A box ends at √3, and a tenth of it is beyond 1.4; 0.6 % of a normal distribution is beyond 2.5.
+        let reach = W::simd_from(simd, normal_part.mul_add(2.5 - 1.4, 1.4));
+        let zero = W::simd_from(simd, 0.0);
+        let shift = (-reach - to).max(zero) + (reach - from).min(zero);
+        let [from, to] = [from + shift, to + shift];
+        let passed = share_before(simd, from, normal_part);
+        let own = (share_before(simd, to, normal_part) - passed).max(W::simd_from(simd, 1e-6));
+        Self { normal_part, cut: Some(CutOff { shift, from, to, passed, scale: reciprocal(simd, own) }) }
+    }
+
+    /// Before x of its σ.
+    #[inline(always)]
+    pub(super) fn before(&self, simd: S, x: W<S>) -> W<S> {
+        match &self.cut {
+            None => share_before(simd, x, self.normal_part),
+            Some(CutOff { shift, from, to, passed, scale }) => {
+                let x = (x + *shift).max(*from).min(*to);
+                (share_before(simd, x, self.normal_part) - *passed) * *scale
+            }
+        }
+    }
+}
+
+/// The share of a kernel before x of its σ.
+#[inline(always)]
+fn share_before<S: Simd>(simd: S, x: W<S>, normal_part: f32) -> W<S> {
+    if normal_part == 1.0 {
+        return share_of_normal(simd, x);
+    }
+    let of_box = share_of_box(simd, x);
+    if normal_part == 0.0 {
+        return of_box;
+    }
+    (share_of_normal(simd, x) - of_box).mul_add(W::simd_from(simd, normal_part), of_box)
+}
