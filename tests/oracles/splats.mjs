@@ -53,6 +53,9 @@ const spotIndices = (count) => {
     return [...new Set([0, ...inner, count - 1])].sort((a, b) => a - b);
 };
 
+/** The spherical harmonic of degree 0. */
+const CONSTANT_HARMONIC = Math.sqrt(1 / (4 * Math.PI));
+
 const sigmoid = x => 1 / (1 + Math.exp(-x));
 
 /** Unit quaternion w x y z, w at least 0; zero stays. */
@@ -116,6 +119,7 @@ const describe = (table) => {
     for (let k = 0; k < 9; k++) add(`axis_${Math.floor(k / 3)}_${'xyz'[k % 3]}`, i => axes[9 * i + k]);
     add('opacity', i => sigmoid(logits[i]));
     dc.forEach((data, k) => add(`dc_${'rgb'[k]}`, i => data[i]));
+    dc.forEach((data, k) => add(`color_${'rgb'[k]}`, i => Math.max(0, 0.5 + CONSTANT_HARMONIC * data[i])));
     for (let k = 0; k < perChannel; k++) {
         for (let c = 0; c < 3; c++) {
             const data = rest(k, c);
@@ -207,7 +211,7 @@ for (const file of [...FILES, LEVEL_SET]) {
             write(file, { ...facts, ...describe(await tableOf(file)) });
         } catch (error) {
             // What the reader cannot read is a result, too.
-            write(file, { ...facts, refused: String(error.message ?? error) });
+            write(file, { ...facts, kind: 'refused', why: String(error.message ?? error) });
         }
     }
 }
