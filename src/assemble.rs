@@ -40,7 +40,7 @@ pub(crate) fn assemble(
     for Item { name, body, look } in items {
         match body {
             Body::Mesh(mesh) => meshes.push((name, mesh, look)),
-            Body::Splats(cloud) => clouds.push(cloud),
+            Body::Splats { cloud, .. } => clouds.push(cloud),
             Body::Volume(volume) => {
                 let _task = console.task(format!("splats of {name}"));
                 let shown = volume_clouds(&volume, &look).with_context(|| name.clone())?;

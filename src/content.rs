@@ -2,10 +2,11 @@
 
 use crate::check::{Uses, Wrong};
 use crate::description::{ByteOrder, FileOptions, Kind, Look, SampleKind, Source};
+use crate::progress::Console;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use glam::{DAffine3, DMat3, DVec3};
-use oblate::engine::Cloud;
-use oblate::importers::{Endian, OpenOptions, Opened, RawLayout, SampleType};
+use oblate::engine::{Blend, Cloud};
+use oblate::importers::{Content, Endian, OpenOptions, Opened, RawLayout, SampleType};
 use oblate::surfels::Mesh;
 use oblate::volumes::{GridFrame, Volume};
 use std::path::Path;
@@ -24,29 +25,38 @@ pub(crate) struct Item {
 pub(crate) enum Body {
     Mesh(Mesh),
     Volume(Volume),
-    /// Trained splats.
-    Splats(Cloud),
+    /// Splats as they are.
+    Splats {
+        cloud: Cloud,
+        /// The space in which their colours are meant to mix.
+        blend: Blend,
+    },
 }
 
 /// Reads a file and puts it in its place. `given` are options for all files, which stand over the source's.
-pub(crate) fn load(source: Source, given: &FileOptions) -> Result<(Item, Uses)> {
+pub(crate) fn load(source: Source, given: &FileOptions, console: Console) -> Result<(Item, Uses)> {
     let name = source.path.display().to_string();
     let (opened, uses) = open(&source.path, &given.clone().over(source.file.clone()))?;
-    let (kind, what) = match &opened {
-        Opened::Mesh(_) => (Kind::Mesh, "it is a mesh; list it under [[mesh]]"),
-        Opened::Volume(_) => (Kind::Volume, "it is a volume; list it under [[volume]]"),
-        Opened::Splats(_) => (Kind::Splats, "it holds splats; list it under [[splats]]"),
+    for note in &opened.notes {
+        console.say(format_args!("{name}: {note}"));
+    }
+    let (kind, what) = match &opened.content {
+        Content::Mesh(_) => (Kind::Mesh, "it is a mesh; list it under [[mesh]]"),
+        Content::Volume(_) => (Kind::Volume, "it is a volume; list it under [[volume]]"),
+        Content::Splats { .. } => (Kind::Splats, "it holds splats; list it under [[splats]]"),
+        _ => bail!("{name}: nothing that can be drawn"),
     };
     if source.kind.is_some_and(|wanted| wanted != kind) {
         bail!("{name}: {what}");
     }
-    let body = match opened {
-        Opened::Mesh(mesh) => Body::Mesh(placed_mesh(mesh, source.placement)),
-        Opened::Volume(volume) => Body::Volume(placed_volume(volume, source.placement)?),
-        Opened::Splats(splats) => {
+    let body = match opened.content {
+        Content::Mesh(mesh) => Body::Mesh(placed_mesh(mesh, source.placement)),
+        Content::Volume(volume) => Body::Volume(placed_volume(volume, source.placement)?),
+        Content::Splats { splats, blend } => {
             let cloud = Cloud::new(splats).with_context(|| name.clone())?;
-            Body::Splats(cloud.transformed(source.placement))
+            Body::Splats { cloud: cloud.transformed(source.placement), blend }
         }
+        _ => bail!("{name}: nothing that can be drawn"),
     };
     // What a scene file says of one file must be of use for that file.
     let said = source.file.check_use(uses);
@@ -74,21 +84,22 @@ pub(crate) fn open(path: &Path, options: &FileOptions) -> Result<(Opened, Uses)>
         path.display()
     );
     let spacing = options.spacing.map(DVec3::from);
+    let texture = options.texture.clone();
     let opened =
-        oblate::importers::open(path, &OpenOptions { raw, spacing, texture: options.texture.clone() })?;
-    let uses = match &opened {
-        Opened::Mesh(mesh) => Uses {
+        oblate::importers::open(path, &OpenOptions { raw, spacing, texture, ..OpenOptions::default() })?;
+    let uses = match &opened.content {
+        Content::Mesh(mesh) => Uses {
             mesh: true,
             // Without any texture in the mesh the one given was not used.
             texture: mesh.primitives.iter().any(|part| part.material.texture.is_some()),
             ..Uses::default()
         },
-        Opened::Volume(volume) => Uses {
+        Content::Volume(volume) => Uses {
             volume: true,
             raw: !has_header && raw.is_none_or(|raw| raw.dims == volume.dims()),
             ..Uses::default()
         },
-        Opened::Splats(_) => Uses::default(),
+        _ => Uses::default(),
     };
     Ok((opened, uses))
 }

@@ -122,7 +122,7 @@ pub(crate) struct PictureOptions {
     /// centers where only trained splats are drawn, else as slabs [default: auto]
     #[arg(long)]
     pub(crate) order: Option<OrderMode>,
-    /// Thickness of the slabs, where 1 is the depth of the kernels (their median σ along the view): thinner is
+    /// Thickness of the slabs, where 1 is the size of the kernels (their median σ): thinner is
     /// closer to the exact picture and slower. Asks for slabs where --order is auto [default: 2]
     #[arg(long, value_name = "X", allow_hyphen_values = true)]
     pub(crate) slab_thickness: Option<f64>,

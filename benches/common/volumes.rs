@@ -1,7 +1,7 @@
 //! Volumes from files and made ones, and their transfer functions.
 
 use oblate::engine::Cloud;
-use oblate::importers::{OpenOptions, Opened, open};
+use oblate::importers::{Content, OpenOptions, Opened, open};
 use oblate::volumes::{
     GridFrame, IsoSettings, KernelSettings, TransferFunction, Volume, Voxels, iso_surfels, to_kernels,
 };
@@ -55,7 +55,7 @@ pub(crate) fn data(file: &str) -> PathBuf {
 
 pub(crate) fn volume(file: &str) -> Volume {
     match open(data(file), &OpenOptions::default()) {
-        Ok(Opened::Volume(volume)) => volume,
+        Ok(Opened { content: Content::Volume(volume), .. }) => volume,
         other => panic!("{file} is no volume: {:?}", other.err()),
     }
 }

@@ -24,6 +24,23 @@ pub(crate) fn gzip_beginning(compressed: &[u8], limit: usize) -> Vec<u8> {
     bytes
 }
 
+/// All of a gzip file, if it unpacks to no more than `limit` bytes.
+#[expect(dead_code, reason = "formats whose size only the unpacked bytes tell come next")]
+pub(crate) fn gunzip_all(compressed: &[u8], limit: u64) -> Result<Vec<u8>, String> {
+    let mut bytes = Vec::new();
+    let unpacked = MultiGzDecoder::new(compressed).take(limit.saturating_add(1)).read_to_end(&mut bytes);
+    match unpacked {
+        Err(error) => Err(format!("the compressed data break off after {} bytes: {error}", bytes.len())),
+        Ok(length) if length as u64 > limit => Err(over_limit(limit)),
+        Ok(_) => Ok(bytes),
+    }
+}
+
+/// What is said of compressed data that unpack to more than `OpenOptions::max_memory`.
+pub(crate) fn over_limit(limit: u64) -> String {
+    format!("the compressed data unpack to more than {limit} bytes, which is the limit that is set")
+}
+
 fn exactly(reader: impl Read, compressed: usize, expected: usize) -> Result<Vec<u8>, String> {
     if expected / DEFLATE_LIMIT > compressed {
         return Err(format!(

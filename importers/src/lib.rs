@@ -5,11 +5,11 @@
 //! | format | gives | module |
 //! |---|---|---|
 //! | glTF 2.0, GLB | mesh | [`gltf`](mod@gltf) |
-//! | OBJ with MTL and textures | mesh | [`obj`] |
+//! | OBJ with MTL and textures | mesh | [`meshes::obj`] |
 //! | PLY, ascii and binary | mesh, or trained splats | [`ply`] |
-//! | NRRD, attached and detached | volume | [`nrrd`] |
-//! | VTI (VTK ImageData) | volume | [`vti`] |
-//! | raw samples, also under gzip | volume | [`raw`] |
+//! | NRRD, attached and detached | volume | [`volumes::nrrd`] |
+//! | VTI (VTK ImageData) | volume | [`volumes::vti`] |
+//! | raw samples, also under gzip | volume | [`volumes::raw`] |
 //!
 //! Nothing a file says is believed before the file's own size was asked: declared sizes are compared with
 //! the bytes that are there before anything is allocated, decompression stops at the size that is
@@ -18,36 +18,31 @@
 //! Meshes and splats keep the axes of their file; glTF's are oblate's (+Y up, right-handed). Volumes keep the frame of
 //! their file, whatever it calls its axes; samples are voxel centres.
 
+mod content;
 mod error;
 mod file;
 mod format;
-mod geometry;
 pub mod gltf;
 mod inflate;
-mod mtl;
-pub mod nrrd;
-pub mod obj;
+pub mod meshes;
 pub mod ply;
-pub mod raw;
 mod scalar;
-mod texture;
-mod voxels;
-pub mod vti;
-mod vti_array;
+pub mod splats;
+pub mod volumes;
 
+pub use content::{Content, Note, Opened};
 pub use error::{ImportError, Place};
-pub use raw::{Endian, LayoutError, RawLayout, SampleType, parse_dims};
+pub use volumes::raw::{Endian, LayoutError, RawLayout, SampleType, parse_dims};
 
 use file::File;
 use format::Format;
 use glam::DVec3;
-use oblate_engine::Splats;
-use oblate_surfels::Mesh;
-use oblate_volumes::Volume;
+use meshes::obj;
 use std::path::{Path, PathBuf};
+use volumes::{nrrd, raw, vti};
 
 /// What a caller knows that a file may not say.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct OpenOptions {
     /// How raw samples lie in the file; also makes a file without a known beginning a raw one.
     pub raw: Option<RawLayout>,
@@ -55,17 +50,19 @@ pub struct OpenOptions {
     pub spacing: Option<DVec3>,
     /// A PNG or JPEG for the parts of an OBJ or PLY mesh that have texture coordinates and no texture.
     pub texture: Option<PathBuf>,
+    /// Bytes that a compressed file may unpack to, at most.
+    pub max_memory: u64,
 }
 
-/// What a file holds.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Opened {
-    /// Triangles.
-    Mesh(Mesh),
-    /// Voxels.
-    Volume(Volume),
-    /// Gaussians with peak opacities, as training makes them.
-    Splats(Splats),
+impl OpenOptions {
+    /// What compressed files may unpack to where nothing is said: 16 GiB.
+    pub const MAX_MEMORY: u64 = 16 << 30;
+}
+
+impl Default for OpenOptions {
+    fn default() -> Self {
+        Self { raw: None, spacing: None, texture: None, max_memory: Self::MAX_MEMORY }
+    }
 }
 
 /// Reads the file at `path`, whatever of the formats above it is.
@@ -76,11 +73,11 @@ pub enum Opened {
 pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Opened, ImportError> {
     let file = File::read(path.as_ref())?;
     match Format::of(&file, options.raw.is_some()) {
-        Format::Gltf => gltf::read(&file).map(Opened::Mesh),
-        Format::Obj => obj::read(&file, options).map(Opened::Mesh),
+        Format::Gltf => gltf::read(&file).map(Opened::from),
+        Format::Obj => obj::read(&file, options).map(Opened::from),
         Format::Ply => ply::read(file, options),
-        Format::Nrrd => nrrd::read(&file, options).map(Opened::Volume),
-        Format::Vti => vti::read(&file, options).map(Opened::Volume),
-        Format::Raw => raw::read(&file, options).map(Opened::Volume),
+        Format::Nrrd => nrrd::read(&file, options).map(Opened::from),
+        Format::Vti => vti::read(&file, options).map(Opened::from),
+        Format::Raw => raw::read(&file, options).map(Opened::from),
     }
 }

@@ -1,6 +1,6 @@
 //! Number types of binary files.
 
-use crate::raw::Endian;
+use crate::Endian;
 
 /// A number type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

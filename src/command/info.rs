@@ -9,7 +9,7 @@ use anyhow::Result;
 use clap::Args;
 use glam::DVec3;
 use oblate::engine::{Harmonics, Splats, Strength};
-use oblate::importers::Opened;
+use oblate::importers::Content;
 use oblate::surfels::Mesh;
 use oblate::volumes::{Histogram, Volume, propose_iso};
 use std::fmt::{self, Write};
@@ -35,10 +35,14 @@ pub(crate) fn run(args: &InfoArgs) -> Result<()> {
     let mut text = format!("{name}\n");
     let (opened, uses) = open(&args.file, &args.options)?;
     args.options.check_use(uses).map_err(|wrong| wrong.option().context(name))?;
-    match opened {
-        Opened::Mesh(mesh) => describe_mesh(&mesh, &mut text)?,
-        Opened::Volume(volume) => describe_volume(&volume, &mut text)?,
-        Opened::Splats(splats) => describe_splats(&splats, &mut text)?,
+    match opened.content {
+        Content::Mesh(mesh) => describe_mesh(&mesh, &mut text)?,
+        Content::Volume(volume) => describe_volume(&volume, &mut text)?,
+        Content::Splats { splats, .. } => describe_splats(&splats, &mut text)?,
+        _ => {}
+    }
+    for note in &opened.notes {
+        writeln!(text, "{note}")?;
     }
     print(&text)
 }

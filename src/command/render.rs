@@ -134,9 +134,10 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     Ok(())
 }
 
-/// The space of blending where nothing is said: trained splats by themselves are blended where they were trained.
+/// The space of blending where nothing is said: splats by themselves are blended where they were trained.
 fn blend(items: &[Item], console: Console) -> Blend {
-    let trained = items.iter().filter(|item| matches!(item.body, Body::Splats(_))).count();
+    let in_display = |item: &&Item| matches!(item.body, Body::Splats { blend: Blend::Display, .. });
+    let trained = items.iter().filter(in_display).count();
     if trained == 0 {
         Blend::Linear
     } else if trained == items.len() {
@@ -177,7 +178,7 @@ fn load_all(sources: Vec<Source>, file: &FileOptions, console: Console) -> Resul
     let (mut items, mut uses) = (Vec::new(), Uses::default());
     for source in sources {
         let _task = console.task(format!("reading {}", source.path.display()));
-        let (item, of_item) = load(source, file)?;
+        let (item, of_item) = load(source, file, console)?;
         items.push(item);
         uses = uses | of_item;
     }

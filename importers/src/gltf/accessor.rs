@@ -1,8 +1,8 @@
 //! Typed views of buffers, with every bound checked.
 
 use super::buffers::{Buffers, slice};
+use crate::Endian;
 use crate::file::File;
-use crate::raw::Endian;
 use crate::scalar::{FromF64, Scalar};
 use crate::{ImportError, Place};
 use ::gltf::json::accessor::{ComponentType, Type, sparse};

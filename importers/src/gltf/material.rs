@@ -2,7 +2,8 @@
 
 use super::buffers::{Buffers, resource};
 use crate::file::File;
-use crate::{ImportError, Place, texture};
+use crate::meshes::texture;
+use crate::{ImportError, Place};
 use ::gltf::json::extensions::texture::TextureTransform;
 use ::gltf::json::material::AlphaMode;
 use ::gltf::json::texture::{Info, WrappingMode};

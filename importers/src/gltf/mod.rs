@@ -15,7 +15,7 @@ mod material;
 mod primitive;
 
 use crate::file::File;
-use crate::geometry::mesh;
+use crate::meshes::geometry::mesh;
 use crate::{ImportError, Place};
 use ::gltf::json::{self, Index, Node, Root};
 use buffers::Buffers;

@@ -4,7 +4,7 @@ use super::accessor::{Accessors, Integers};
 use super::buffers::Buffers;
 use super::material::Materials;
 use crate::file::File;
-use crate::geometry::first_not_finite;
+use crate::meshes::geometry::first_not_finite;
 use crate::{ImportError, Place};
 use ::gltf::json::mesh::{Mode, Primitive as JsonPrimitive, Semantic};
 use ::gltf::json::validation::Checked;
@@ -173,7 +173,7 @@ fn triangles(corners: &[u32], mode: Mode) -> Result<Vec<[u32; 3]>, String> {
                 |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] };
             corners.windows(3).enumerate().map(in_order).collect()
         }
-        Mode::TriangleFan => crate::geometry::fan(corners).collect(),
+        Mode::TriangleFan => crate::meshes::geometry::fan(corners).collect(),
         _ => match corners.as_chunks::<3>() {
             (triangles, []) => triangles.to_vec(),
             (_, rest) => return Err(format!("{} corners too many for whole triangles", rest.len())),

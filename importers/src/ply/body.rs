@@ -1,8 +1,8 @@
 //! The rows of a PLY file, gathered into columns by name.
 
 use super::header::{Element, Encoding, Header, Kind};
+use crate::Endian;
 use crate::file::File;
-use crate::raw::Endian;
 use crate::scalar::{FromF64, Scalar};
 use crate::{ImportError, Place};
 

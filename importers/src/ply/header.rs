@@ -2,8 +2,8 @@
 //!
 //! Source: Turk, *The PLY Polygon File Format*, 1994.
 
+use crate::Endian;
 use crate::file::File;
-use crate::raw::Endian;
 use crate::scalar::Scalar;
 use crate::{ImportError, Place};
 

@@ -3,8 +3,9 @@
 use super::body::{Body, Column};
 use super::header::{Element, Header, Kind};
 use crate::file::File;
-use crate::geometry::{decoded, fan, first_not_finite, mesh};
-use crate::{ImportError, OpenOptions, Place, texture};
+use crate::meshes::geometry::{decoded, fan, first_not_finite, mesh};
+use crate::meshes::texture;
+use crate::{ImportError, OpenOptions, Place};
 use glam::{DAffine3, Vec2, Vec3, Vec4};
 use oblate_surfels::{BaseColor, Mesh, Primitive, Wrap};
 

@@ -8,19 +8,19 @@
 //! programs write them.
 //! - `x y z`: the centre. The axes stay the file's; scenes reconstructed from photographs are commonly y down.
 //! - `opacity`: the logit of the peak opacity. It may be infinite: opacity 0 or 1.
-//! - `scale_0..2`: logarithms of the half-axes' lengths (σ), at most 88; −∞ is a flat splat.
-//! - `rot_0..3`: the half-axes' rotation as a quaternion w x y z of any length but 0. Splats whose quaternion
-//!   is zero have no orientation and are left out: real files hold them as rows of zeros.
+//! - `scale_0..2`: logarithms of the half-axes' lengths (σ); −∞ is a flat splat.
+//! - `rot_0..3`: the half-axes' rotation as a quaternion w x y z of any length but 0.
 //! - `f_dc_0..2`: the colour, as (display-encoded value − ½)/0.28209479.
 //! - `f_rest_*`: none, 9, 24 or 45 coefficients of spherical harmonics up to degree 1, 2 or 3: all of red, then
-//!   all of green, then all of blue. Colours are within ±1e12, so that their sums stay finite.
+//!   all of green, then all of blue.
 //! - `filter_3D` where given: the standard deviation of the filter of Yu, Chen, Huang, Sattler, Geiger,
 //!   *Mip-Splatting*, 2024, eq. 7, which is taken into the splat's shape and opacity.
 //! - Opacities were trained with a [filter of the pixel](oblate_engine::OpacityFilter) that is `Compensated` where
 //!   `filter_3D` is given, `Classic` where it isn't. Comments `SplatRenderMode: default` or `mip`, `antialiased 0` or `1`
 //!   say so too; the last one counts, before `filter_3D`.
 //!
-//! They come in Morton order, without normals, unlit.
+//! Rows that are no splats are left out: see [`crate::splats`]. The others come in Morton order, without normals,
+//! unlit.
 //!
 //! **Meshes** have elements `vertex` and `face`:
 //! - `x y z`, and `nx ny nz` where given.
@@ -50,11 +50,8 @@ pub(crate) fn read(file: File, options: &OpenOptions) -> Result<Opened, ImportEr
         let feature = "packed splats (.compressed.ply) are not supported; plain ones are";
         Err(file.unsupported(Place::Whole, feature))
     } else if ["f_dc_0", "scale_0", "rot_0"].iter().any(has) {
-        let splats = splats::read(&file, &header)?;
-        // Putting them in order takes as much memory again as they do.
-        drop(file);
-        Ok(Opened::Splats(splats.in_morton_order()))
+        splats::read(&file, &header)
     } else {
-        mesh::read(&file, &header, options).map(Opened::Mesh)
+        mesh::read(&file, &header, options).map(Opened::from)
     }
 }

@@ -1,7 +1,7 @@
 //! Files for the tests to open.
 
 use oblate_engine::Splats;
-use oblate_importers::{ImportError, OpenOptions, Opened, open};
+use oblate_importers::{Content, ImportError, OpenOptions, Opened, open};
 use oblate_surfels::{Mesh, Primitive};
 use oblate_volumes::Volume;
 use std::fs;
@@ -69,24 +69,24 @@ pub(crate) fn refused(opened: Result<Opened, ImportError>, name: &str, parts: &[
 
 #[track_caller]
 pub(crate) fn volume(opened: Result<Opened, ImportError>) -> Volume {
-    match opened.unwrap_or_else(|error| panic!("{error}")) {
-        Opened::Volume(volume) => volume,
+    match opened.unwrap_or_else(|error| panic!("{error}")).content {
+        Content::Volume(volume) => volume,
         _ => panic!("a volume is expected"),
     }
 }
 
 #[track_caller]
 pub(crate) fn mesh(opened: Result<Opened, ImportError>) -> Mesh {
-    match opened.unwrap_or_else(|error| panic!("{error}")) {
-        Opened::Mesh(mesh) => mesh,
+    match opened.unwrap_or_else(|error| panic!("{error}")).content {
+        Content::Mesh(mesh) => mesh,
         _ => panic!("a mesh is expected"),
     }
 }
 
 #[track_caller]
 pub(crate) fn splats(opened: Result<Opened, ImportError>) -> Splats {
-    match opened.unwrap_or_else(|error| panic!("{error}")) {
-        Opened::Splats(splats) => splats,
+    match opened.unwrap_or_else(|error| panic!("{error}")).content {
+        Content::Splats { splats, .. } => splats,
         _ => panic!("splats are expected"),
     }
 }

@@ -10,5 +10,6 @@ mod obj;
 mod ply;
 mod raw;
 mod real_data;
+mod seeds;
 mod splats;
 mod vti;

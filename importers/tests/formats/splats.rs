@@ -4,6 +4,7 @@ use crate::common::{Folder, splats};
 use crate::ply::bytes;
 use glam::{Mat3, Vec3};
 use oblate_engine::{Material, OpacityFilter, Splats, Strength};
+use oblate_importers::Note;
 use proptest::prelude::*;
 
 /// Columns of a file by name, with their types.
@@ -87,6 +88,10 @@ impl Table {
 
     fn open(&self) -> Splats {
         splats(Folder::new().open("a.ply", self.file()))
+    }
+
+    fn notes(&self) -> Vec<Note> {
+        Folder::new().open("a.ply", self.file()).unwrap().notes
     }
 
     #[track_caller]
@@ -241,10 +246,14 @@ fn many_rows_are_read_in_parts() {
     // A row of zeros is no splat.
     table.rows[30_000].fill(0.0);
     check(&table.open(), 30_000);
-    // The first mistake is told, whichever is found first.
+    // Of each kind the first is told, whichever is found first.
     table.set(39_000, "z", f64::NAN);
     table.set(17_000, "opacity", f64::NAN);
-    table.refused(&["vertex 17000", "opacity is NaN"]);
+    let said = [
+        "3 of 40001 splats: 2 with a number that is NaN, infinite or out of its range (the first is splat 17000), \
+         1 with a quaternion of zeros (the first is splat 30000)",
+    ];
+    assert_eq!(table.notes(), said.map(|said| Note::LeftOut(said.into())));
 }
 
 #[test]
@@ -302,7 +311,7 @@ fn comments_tell_how_opacities_were_trained() {
 #[test]
 fn extreme_splats_are_splats() {
     let table = Table::plain(9)
-        .with(&[("opacity", f64::INFINITY), ("scale_0", 88.0), ("scale_1", -200.0), ("x", 3e38)])
+        .with(&[("opacity", f64::INFINITY), ("scale_0", 40.0), ("scale_1", -40.0), ("x", 3e38)])
         .and(&[("opacity", f64::NEG_INFINITY), ("scale_2", f64::NEG_INFINITY), ("f_rest_8", -1e12)])
         .and(&[("opacity", -1e30), ("rot_0", 1e-38), ("x", -3e38), ("f_dc_0", 1e12)]);
     let splats = table.open();
@@ -310,6 +319,30 @@ fn extreme_splats_are_splats() {
     let mut found = peaks(&splats).to_vec();
     found.sort_by(f32::total_cmp);
     assert_eq!(found, [0.0, 0.0, 1.0]);
+}
+
+#[test]
+fn what_is_no_splat_is_left_out() {
+    let (number, color) = ("with a number that is NaN", "with a colour beyond");
+    for (name, value, reason) in [
+        ("x", f64::NAN, number),
+        ("y", f64::INFINITY, number),
+        ("opacity", f64::NAN, number),
+        ("scale_1", f64::INFINITY, number),
+        ("scale_2", 40.1, "with a log scale beyond"),
+        ("scale_2", -40.1, "with a log scale beyond"),
+        ("scale_0", f64::NAN, number),
+        ("rot_3", f64::NEG_INFINITY, number),
+        ("f_dc_1", 1e13, color),
+        ("f_rest_7", f64::NAN, number),
+        ("f_rest_7", -1e13, color),
+    ] {
+        let table = Table::plain(9).and(&[("y", 1.0)]).and(&[(name, value)]);
+        let [Note::LeftOut(said)] = &table.notes()[..] else { panic!("{name}: nothing is said") };
+        assert!(said.starts_with(&format!("1 of 3 splats: 1 {reason}")), "{name} {value}: {said}");
+        assert!(said.ends_with("(the first is splat 2)"), "{said}");
+        assert_eq!(table.open().centers.len(), 2);
+    }
 }
 
 #[test]
@@ -322,20 +355,6 @@ fn what_is_wrong_is_said() {
         Table::plain(count).refused(&[&format!("{count} properties f_rest_*"), "9, 24 or 45"]);
     }
     Table::plain(9).renamed("f_rest_3", "f_rest_9").refused(&["no f_rest_3", "f_rest_0 to f_rest_8"]);
-    for (name, value) in [
-        ("x", f64::NAN),
-        ("y", f64::INFINITY),
-        ("opacity", f64::NAN),
-        ("scale_1", f64::INFINITY),
-        ("scale_2", 89.0),
-        ("scale_0", f64::NAN),
-        ("rot_3", f64::NEG_INFINITY),
-        ("f_dc_1", 1e13),
-        ("f_rest_7", f64::NAN),
-    ] {
-        let table = Table::plain(9).and(&[]).and(&[(name, value)]);
-        table.refused(&["vertex 2", &format!("{name} is {}", value as f32), "must be a number from"]);
-    }
     let mut list = Table::plain(0);
     list.columns[11].1 = "list uchar float";
     list.rows.clear();
@@ -343,7 +362,9 @@ fn what_is_wrong_is_said() {
     let mut none = Table::plain(0);
     none.rows.clear();
     none.refused(&["no splats", "0 rows"]);
-    Table::plain(0).with(&[("rot_0", 0.0)]).refused(&["no splats", "1 rows, 1 of them left out"]);
+    Table::plain(0)
+        .with(&[("rot_0", 0.0)])
+        .refused(&["no splats", "1 of 1 splats: 1 with a quaternion of zeros"]);
     let file = Table::plain(45).and(&[]).file();
     for length in 0..file.len() {
         Folder::new().refused("a.ply", &file[..length], &[]);

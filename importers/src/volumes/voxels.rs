@@ -1,7 +1,7 @@
 //! Bytes of any number type to voxels: the last step of every volume format.
 
+use crate::Endian;
 use crate::file::File;
-use crate::raw::Endian;
 use crate::scalar::{Scalar, numbers};
 use crate::{ImportError, OpenOptions, Place};
 use oblate_volumes::{GridFrame, Volume, Voxels};

@@ -6,11 +6,11 @@
 //! whose samples lie half a spacing further in. `Origin` is where index (0, 0, 0) lies, whatever the
 //! extent begins with.
 
+use crate::Endian;
 use crate::file::File;
-use crate::raw::Endian;
 use crate::scalar::Scalar;
-use crate::voxels::Layout;
-use crate::vti_array::{Appended, Encoding, Stream};
+use crate::volumes::voxels::Layout;
+use crate::volumes::vti_array::{Appended, Encoding, Stream};
 use crate::{ImportError, OpenOptions, Place};
 use glam::{DMat3, DVec3};
 use oblate_volumes::{GridFrame, Volume};

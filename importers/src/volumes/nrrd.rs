@@ -5,11 +5,11 @@
 //! and `space origin` are taken as they stand, in the file's own space: a left-posterior-superior file
 //! keeps its axes. Without them `spacings` and `axis mins` count. An unknown spacing (NaN) is 1.
 
+use crate::Endian;
 use crate::file::File;
 use crate::inflate;
-use crate::raw::Endian;
 use crate::scalar::Scalar;
-use crate::voxels::Layout;
+use crate::volumes::voxels::Layout;
 use crate::{ImportError, OpenOptions, Place};
 use glam::{DMat3, DVec3};
 use oblate_volumes::{GridFrame, Volume};

@@ -7,7 +7,7 @@ use crate::file::File;
 use crate::format::Format;
 use crate::inflate;
 use crate::scalar::Scalar;
-use crate::voxels::Layout;
+use crate::volumes::voxels::Layout;
 use crate::{ImportError, OpenOptions, Place};
 use oblate_volumes::{GridFrame, Volume};
 use std::fmt;

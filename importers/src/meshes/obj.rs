@@ -10,9 +10,10 @@
 //! the default material.
 
 use crate::file::File;
-use crate::geometry::{decoded, fan, mesh};
-use crate::mtl::Library;
-use crate::{ImportError, OpenOptions, Place, texture};
+use crate::meshes::geometry::{decoded, fan, mesh};
+use crate::meshes::mtl::Library;
+use crate::meshes::texture;
+use crate::{ImportError, OpenOptions, Place};
 use glam::{DAffine3, Vec2, Vec3, Vec4};
 use oblate_surfels::{BaseColor, Mesh, Primitive};
 use std::borrow::Cow;

@@ -5,8 +5,9 @@
 //! 0.8 or 0 there. `Tr` is not read: some writers mean 1 - d by it, others d.
 
 use crate::file::File;
-use crate::geometry::decoded;
-use crate::{ImportError, Place, texture};
+use crate::meshes::geometry::decoded;
+use crate::meshes::texture;
+use crate::{ImportError, Place};
 use glam::Vec4;
 use oblate_surfels::{BaseColor, Texture, Wrap};
 use std::collections::HashMap;

@@ -5,8 +5,8 @@
 //! are of `header_type`. In base64 the header of compressed data is padded on its own; decoding each
 //! padded part by itself makes the bytes the same as raw ones.
 
+use crate::Endian;
 use crate::inflate;
-use crate::raw::Endian;
 use crate::scalar::Scalar;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;

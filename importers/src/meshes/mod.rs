@@ -1,0 +1,6 @@
+//! Files to meshes, and what formats of meshes share.
+
+pub(crate) mod geometry;
+mod mtl;
+pub mod obj;
+pub(crate) mod texture;

@@ -1,0 +1,24 @@
+//! Trained Gaussian splats: what all their formats come to.
+//!
+//! Kerbl, Kopanas, Leimkühler, Drettakis, *3D Gaussian Splatting for Real-Time Radiance Field Rendering*, 2023.
+//! A reader turns a file's numbers to [`Trained`] records; [`gather`] checks them and makes splats of them, and
+//! [`trained`] goes the way back for writers. Whatever the format, a record is left out, counted and reported if it
+//! is no splat:
+//!
+//! - a number of it is not one (NaN, or infinite where that means nothing);
+//! - its quaternion is zero: real files hold rows of zeros;
+//! - the logarithm of one of its σ is finite and beyond ±40;
+//! - a coefficient of its colour is beyond ±1e12, so that sums of harmonics could be infinite.
+//!
+//! Opacities 0 and 1, σ of 0 (flat splats) and any place that single precision has are drawn.
+
+mod gather;
+#[expect(dead_code, reason = "for writers and formats to come")]
+mod trained;
+
+#[expect(unused_imports, reason = "for formats to come")]
+pub(crate) use gather::Sink;
+pub(crate) use gather::{ROWS, Training, gather};
+pub(crate) use trained::Trained;
+#[expect(unused_imports, reason = "for formats to come")]
+pub(crate) use trained::{log_scale, trained};

@@ -1,0 +1,219 @@
+//! A trained splat as files have it, and as it is drawn.
+
+use glam::{DMat3, DQuat, DVec3, Mat3, Vec3};
+use oblate_engine::color::{linear_to_srgb, srgb_to_linear};
+use oblate_engine::{Splats, Strength};
+
+/// Colours of the harmonics of degree 1 to 3.
+pub(crate) const MOST_HARMONICS: usize = 15;
+
+/// The logarithm of σ is within ± this, or −∞.
+const LARGEST_LOG_SCALE: f32 = 40.0;
+
+/// Sums of harmonics with coefficients of this size, decoded to linear, are in the range of single precision.
+const LARGEST_COLOR: f32 = 1e12;
+
+/// A trained splat, in the words of its training. Axes are the file's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Trained {
+    pub(crate) center: [f32; 3],
+    /// Natural logarithms of σ along the half-axes; −∞ is flat.
+    pub(crate) log_scales: [f32; 3],
+    /// The half-axes' rotation, a quaternion w x y z of any length but 0.
+    pub(crate) rotation: [f32; 4],
+    /// The peak opacity, from 0 to 1.
+    pub(crate) opacity: f32,
+    /// The colour without harmonics, display-encoded; any number, of which training cuts off sums below 0.
+    pub(crate) color: [f32; 3],
+    /// σ of a round filter that shape and opacity lack: Yu, Chen, Huang, Sattler, Geiger, *Mip-Splatting*, 2024,
+    /// eq. 7. 0 where there is none.
+    pub(crate) filter: f32,
+    /// The first 0, 3, 8 or 15 are in use.
+    pub(crate) harmonics: [[f32; 3]; MOST_HARMONICS],
+}
+
+impl Default for Trained {
+    fn default() -> Self {
+        Self {
+            center: [0.0; 3],
+            log_scales: [0.0; 3],
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity: 1.0,
+            color: [0.5; 3],
+            filter: 0.0,
+            harmonics: [[0.0; 3]; MOST_HARMONICS],
+        }
+    }
+}
+
+/// Why a record is no splat, in the order in which this is asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Reject {
+    NotANumber,
+    NoOrientation,
+    Scale,
+    Color,
+}
+
+impl Reject {
+    pub(crate) const ALL: [Self; 4] = [Self::NotANumber, Self::NoOrientation, Self::Scale, Self::Color];
+
+    pub(crate) fn reason(self) -> &'static str {
+        match self {
+            Self::NotANumber => "with a number that is NaN, infinite or out of its range",
+            Self::NoOrientation => "with a quaternion of zeros",
+            Self::Scale => "with a log scale beyond ±40",
+            Self::Color => "with a colour beyond ±1e12",
+        }
+    }
+}
+
+/// A splat as the engine takes it.
+pub(crate) struct Splat {
+    pub(crate) center: Vec3,
+    pub(crate) factor: Mat3,
+    pub(crate) peak: f32,
+    /// Linear.
+    pub(crate) color: [f32; 3],
+}
+
+/// The logarithm of a σ that a file holds itself; 0 becomes −∞, what is below 0 NaN.
+pub(crate) fn log_scale(sigma: f32) -> f32 {
+    // −0 is 0.
+    (sigma + 0.0).ln()
+}
+
+impl Trained {
+    /// Checks the record, with its first `per_splat` harmonics, and makes a splat of it.
+    pub(crate) fn activate(&self, per_splat: usize) -> Result<Splat, Reject> {
+        let harmonics = &self.harmonics[..per_splat];
+        let scale_is_number = |s: &f32| !s.is_nan() && *s != f32::INFINITY;
+        let all =
+            self.center.iter().chain(&self.rotation).chain(&self.color).chain(harmonics.iter().flatten());
+        if !all.chain([&self.filter]).all(|number| number.is_finite())
+            || !self.log_scales.iter().all(scale_is_number)
+            || !(0.0..=1.0).contains(&self.opacity)
+            || self.filter < 0.0
+        {
+            return Err(Reject::NotANumber);
+        }
+        let [w, x, y, z] = self.rotation.map(f64::from);
+        let quaternion = DQuat::from_xyzw(x, y, z, w);
+        if quaternion.length_squared() == 0.0 {
+            return Err(Reject::NoOrientation);
+        }
+        let too_far = |s: &f32| s.is_finite() && s.abs() > LARGEST_LOG_SCALE;
+        // The filter is a σ too.
+        if self.log_scales.iter().any(too_far) || too_far(&self.filter.ln()) {
+            return Err(Reject::Scale);
+        }
+        if self.color.iter().chain(harmonics.iter().flatten()).any(|c| c.abs() > LARGEST_COLOR) {
+            return Err(Reject::Color);
+        }
+        let own = DVec3::from(self.log_scales.map(|s| f64::from(s).exp()));
+        let filter = f64::from(self.filter);
+        let filtered = DVec3::from(own.to_array().map(|sigma| sigma.hypot(filter)));
+        // What the filter adds to the volume it takes from the peak.
+        let share = if filter == 0.0 { 1.0 } else { (own / filtered).element_product() };
+        // With harmonics only the sum is cut off.
+        let cut_off = |display: f32| if per_splat == 0 { display.max(0.0) } else { display };
+        let factor = DMat3::from_quat(quaternion.normalize()) * DMat3::from_diagonal(filtered);
+        Ok(Splat {
+            center: Vec3::from(self.center),
+            factor: factor.as_mat3(),
+            peak: (f64::from(self.opacity) * share) as f32,
+            color: self.color.map(|display| srgb_to_linear(cut_off(display))),
+        })
+    }
+}
+
+/// Splat `index` of splats with opacities as training would write it, without a filter; `None` for other strengths.
+pub(crate) fn trained(splats: &Splats, index: usize) -> Option<Trained> {
+    let Strength::Opacity { peaks, .. } = &splats.strength else { return None };
+    let factor = splats.shapes.factor(index).as_dmat3();
+    let lengths = [factor.x_axis, factor.y_axis, factor.z_axis].map(DVec3::length);
+    let rotation = rotation(factor, lengths);
+    let mut harmonics = [[0.0; 3]; MOST_HARMONICS];
+    if let Some(of_all) = &splats.harmonics {
+        let count = of_all.per_splat();
+        harmonics[..count].copy_from_slice(&of_all.coefficients[index * count..][..count]);
+    }
+    Some(Trained {
+        center: splats.centers[index].to_array(),
+        log_scales: lengths.map(|length| length.ln() as f32),
+        rotation: [rotation.w, rotation.x, rotation.y, rotation.z].map(|c| c as f32),
+        opacity: peaks[index],
+        color: splats.colors[index].map(linear_to_srgb),
+        filter: 0.0,
+        harmonics,
+    })
+}
+
+/// The rotation of half-axes of these lengths, any of which may be 0.
+fn rotation(factor: DMat3, lengths: [f64; 3]) -> DQuat {
+    let axes = [factor.x_axis, factor.y_axis, factor.z_axis];
+    // The longest and the next longest tell directions best.
+    let mut by_length = [0, 1, 2];
+    by_length.sort_by(|a, b| lengths[*b].total_cmp(&lengths[*a]));
+    let [first, second, third] = by_length;
+    let one = axes[first].try_normalize().unwrap_or([DVec3::X, DVec3::Y, DVec3::Z][first]);
+    let two = (axes[second] - one * one.dot(axes[second])).try_normalize();
+    let two = two.unwrap_or_else(|| one.any_orthonormal_vector());
+    let mut directions = [DVec3::ZERO; 3];
+    directions[first] = one;
+    directions[second] = two;
+    // Right-handed whatever the order of lengths.
+    let cyclic = (first + 1) % 3 == second;
+    directions[third] = if cyclic { one.cross(two) } else { two.cross(one) };
+    DQuat::from_mat3(&DMat3::from_cols_array_2d(&directions.map(|d| d.to_array())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn splats(splat: &Splat) -> Splats {
+        Splats {
+            centers: vec![splat.center],
+            shapes: oblate_engine::Shapes::Each(vec![splat.factor]),
+            strength: Strength::Opacity {
+                peaks: vec![splat.peak],
+                filter: oblate_engine::OpacityFilter::Classic,
+            },
+            colors: vec![splat.color],
+            harmonics: None,
+            normals: None,
+            material: oblate_engine::Material::UNLIT,
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn there_and_back(
+            q in prop::array::uniform4(-1.0..1.0f32),
+            mut log_scales in prop::array::uniform3(-8.0..3.0f32),
+            opacity in 0.0..=1.0f32,
+            color in prop::array::uniform3(0.0..2.0f32),
+            flat in 0..5usize,
+        ) {
+            prop_assume!(q.iter().map(|c| c * c).sum::<f32>() > 0.01);
+            if flat < 3 {
+                log_scales[flat] = f32::NEG_INFINITY;
+            }
+            let record = Trained { rotation: q, log_scales, opacity, color, ..Trained::default() };
+            let splat = record.activate(0).ok().unwrap();
+            let back = trained(&splats(&splat), 0).unwrap();
+            for (found, wanted) in back.log_scales.iter().zip(log_scales) {
+                // F is rounded to 2⁻²⁴ of itself, a logarithm of 8 to 2⁻²².
+                prop_assert!(*found == wanted || (found - wanted).abs() < 1e-6, "{} {}", found, wanted);
+            }
+            let again = back.activate(0).ok().unwrap();
+            let largest = log_scales.iter().fold(0.0, |a: f32, s| a.max(s.exp()));
+            prop_assert!(again.factor.abs_diff_eq(splat.factor, 1e-6 * largest));
+            prop_assert_eq!(back.opacity, opacity);
+            // sRGB there and back.
+            prop_assert!(back.color.iter().zip(color).all(|(a, b)| (a - b).abs() < 2e-6));
+        }
+    }
+}
