@@ -3,6 +3,7 @@
 
 mod agreement;
 mod mesh;
+#[expect(dead_code, reason = "for readers of point clouds to come")]
 mod points;
 mod splats;
 mod volume;
@@ -49,6 +50,7 @@ struct Oracle {
 enum Facts {
     Mesh(mesh::Facts),
     Volume(volume::Facts),
+    #[expect(dead_code, reason = "for readers of point clouds to come")]
     Points(points::Facts),
     Splats(splats::Facts),
     SplatLevels(splats::Levels),
@@ -59,8 +61,10 @@ enum Facts {
 }
 
 fn root() -> PathBuf {
-    env::var_os("OBLATE_DATA")
-        .map_or_else(|| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")), PathBuf::from)
+    env::var_os("OBLATE_DATA").map_or_else(
+        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")),
+        PathBuf::from,
+    )
 }
 
 /// What is said of the files in a folder of the test data.
@@ -98,9 +102,8 @@ fn problems(oracle: &Oracle) -> Vec<String> {
     let opened = open(&path, &OpenOptions::default());
     let not_yet = NOT_YET.contains(&oracle.file.as_str());
     match (opened, &oracle.facts) {
-        (Ok(_), Facts::StructuredGrid {}) => agreement.problem("opens, and is a structured grid"),
-        (Err(_), Facts::StructuredGrid {}) => {}
-        (_, Facts::Refused {}) => {}
+        (Ok(_), Facts::StructuredGrid {} | Facts::Refused {}) => agreement.problem("should be refused"),
+        (Err(error), Facts::StructuredGrid {} | Facts::Refused {}) => println!("refused: {error}"),
         (Ok(_), _) if not_yet => agreement.problem("opens: take it off NOT_YET"),
         (Err(_), _) if not_yet => println!("not yet: {}", oracle.file),
         (Err(error), _) => agreement.problem(error.to_string()),
@@ -113,9 +116,8 @@ fn compare(agreement: &mut Agreement, content: Content, facts: &Facts) {
     match (content, facts) {
         (Content::Mesh(mesh), Facts::Mesh(facts)) => mesh::compare(agreement, &mesh, facts),
         (Content::Volume(volume), Facts::Volume(facts)) => volume::compare(agreement, &volume, facts),
-        (Content::Points(points), Facts::Points(facts)) => points::compare(agreement, &points, facts),
-        (Content::Splats(splats), Facts::Splats(facts)) => splats::compare(agreement, &splats, facts),
-        (Content::Splats(splats), Facts::SplatLevels(levels)) => {
+        (Content::Splats { splats, .. }, Facts::Splats(facts)) => splats::compare(agreement, &splats, facts),
+        (Content::Splats { splats, .. }, Facts::SplatLevels(levels)) => {
             splats::compare_levels(agreement, &splats, levels);
         }
         _ => agreement.problem("is something else than other readers say"),

@@ -78,7 +78,12 @@ pub(crate) fn compare(agreement: &mut Agreement, mesh: &Mesh, facts: &Facts) {
     // no longer than the mesh, and errors of many triangles add up in the worst case only.
     let relative = 64.0 * f64::from(f32::EPSILON);
     agreement.near("area", &[area], &[facts.area], relative * facts.area);
-    agreement.near("centroid of the area", &(moment / area).to_array(), &facts.area_centroid, relative * size);
+    agreement.near(
+        "centroid of the area",
+        &(moment / area).to_array(),
+        &facts.area_centroid,
+        relative * size,
+    );
     agreement.near("signed volume", &[volume], &[facts.signed_volume], relative * facts.area * size);
 
     for (image, primitive) in facts.textures.iter().zip(&mesh.primitives) {

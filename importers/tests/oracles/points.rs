@@ -1,9 +1,8 @@
 //! Point clouds against what other readers say of them.
 
 use crate::agreement::Agreement;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use oblate_engine::color::linear_to_srgb;
-use oblate_surfels::PointCloud;
 use serde::Deserialize;
 
 #[derive(Deserialize)]
@@ -36,7 +35,18 @@ struct Spot {
     rgb16: Option<[f64; 3]>,
 }
 
-pub(crate) fn compare(agreement: &mut Agreement, points: &PointCloud, facts: &Facts) {
+/// What a reader gives; arrays have an entry for each point.
+pub(crate) struct Points<'a> {
+    pub(crate) origin: DVec3,
+    /// Relative to the origin.
+    pub(crate) positions: &'a [Vec3],
+    /// Linear Rec. 709.
+    pub(crate) colors: Option<&'a [[f32; 3]]>,
+    /// As the file has them.
+    pub(crate) intensities: Option<&'a [f32]>,
+}
+
+pub(crate) fn compare(agreement: &mut Agreement, points: &Points<'_>, facts: &Facts) {
     let count = points.positions.len();
     agreement.same("count", count, facts.count);
     if count != facts.count {
@@ -55,9 +65,9 @@ pub(crate) fn compare(agreement: &mut Agreement, points: &PointCloud, facts: &Fa
 
     match &points.intensities {
         Some(intensities) => {
-            let range = intensities.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], &v| {
-                [low.min(v), high.max(v)]
-            });
+            let range = intensities
+                .iter()
+                .fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], &v| [low.min(v), high.max(v)]);
             agreement.same("range of intensities", range.map(f64::from), facts.intensity.range);
             let mean = intensities.iter().map(|v| f64::from(*v)).sum::<f64>() / count as f64;
             // Whole numbers, whose sums are exact; one division rounds.

@@ -138,7 +138,12 @@ impl Sums {
     }
 }
 
-fn compare_all(agreement: &mut Agreement, splats: &Splats, peaks: &[f32], (facts, tolerance): (&Facts, &Tolerance)) {
+fn compare_all(
+    agreement: &mut Agreement,
+    splats: &Splats,
+    peaks: &[f32],
+    (facts, tolerance): (&Facts, &Tolerance),
+) {
     let per_splat = splats.harmonics.as_ref().map_or(0, |harmonics| harmonics.per_splat());
     let named = |prefix: &str, ends: [&str; 3]| ends.map(|end| format!("{prefix}{end}"));
     // What a splat has, with how far it may be off, in the order of `values` below.
@@ -193,7 +198,12 @@ fn compare_all(agreement: &mut Agreement, splats: &Splats, peaks: &[f32], (facts
 }
 
 /// The splat wherever it is: one of those at its place is as it is.
-fn find(splats: &Splats, peaks: &[f32], spot: &Spot, (facts, tolerance): (&Facts, &Tolerance)) -> Result<(), String> {
+fn find(
+    splats: &Splats,
+    peaks: &[f32],
+    spot: &Spot,
+    (facts, tolerance): (&Facts, &Tolerance),
+) -> Result<(), String> {
     let size = facts.bounds.iter().flatten().fold(0.0_f64, |most, v| most.max(v.abs()));
     let apart = |i: usize| distance(&splats.centers[i].as_dvec3().to_array(), &spot.position);
     let here = (0..splats.centers.len()).filter(|i| apart(*i) <= tolerance.position * size);
@@ -226,7 +236,12 @@ fn differences(splats: &Splats, row: &Row, (i, spot): (usize, &Spot), tolerance:
     let expected = covariance(rotation, spot.log_scales);
     let largest = spot.log_scales.into_iter().fold(f64::NEG_INFINITY, f64::max);
     let relative = 2.0 * tolerance.log_scale + 2.0 * tolerance.axis;
-    near("covariance", &covariance(row.rotation, row.log_scales), &expected, relative * (2.0 * largest).exp());
+    near(
+        "covariance",
+        &covariance(row.rotation, row.log_scales),
+        &expected,
+        relative * (2.0 * largest).exp(),
+    );
     near("opacity", &[row.opacity], &[spot.opacity], tolerance.opacity);
     let color = spot.dc.map(|dc| (0.5 + (0.25 / std::f64::consts::PI).sqrt() * dc).max(0.0));
     near("colour", &row.color, &color, tolerance.color);
