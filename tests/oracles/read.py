@@ -1,0 +1,54 @@
+"""Reads the test data with the readers that their communities use and writes what these say into expected/.
+
+    python read.py [part of a path ...]
+
+Trained splats are read by splats.mjs.
+"""
+
+import sys
+
+from grids import read_grid
+from meshes import read_mesh
+from points import read_points
+from volumes import read_volume
+
+from common import DATA, write
+
+FILES = {
+    read_volume: [
+        "volumes/CThead_256x256x113_uint16be.raw.gz",
+        "volumes/LIDC2.vti",
+        "volumes/aneurism_256x256x256_uint8.raw.gz",
+        "volumes/bonsai_256x256x256_uint8.raw.gz",
+        "volumes/engine.vti",
+        "volumes/engine_256x256x128_uint8.raw.gz",
+        "volumes/mricron_ch2better.nii.gz",
+        "volumes/tooth.nrrd",
+        "volumes/vtk_hydrogen.vti",
+    ],
+    read_mesh: [
+        "meshes/DamagedHelmet.glb",
+        "meshes/Duck.glb",
+        "meshes/armadillo.obj",
+        "meshes/bunny.ply",
+        "meshes/fuze_wood/fuze.obj",
+        "meshes/fuze_wood/wood.obj",
+        "meshes/lucy.ply",
+        "meshes/spot/spot_control_mesh.obj",
+        "meshes/spot/spot_quadrangulated.obj",
+        "meshes/spot/spot_triangulated.obj",
+    ],
+    read_points: ["pointclouds/autzen_trim.las", "pointclouds/lone-star.laz"],
+    read_grid: ["irregular/bluntfinxyz.bin", "irregular/combxyz.bin", "irregular/office.binary.vtk"],
+}
+
+
+def main():
+    wanted = sys.argv[1:]
+    for read, paths in FILES.items():
+        for path in paths:
+            if not wanted or any(part in path for part in wanted):
+                write(path, read(path, DATA / path))
+
+
+main()
