@@ -1,6 +1,7 @@
 //! Telling formats apart.
 
 use crate::file::File;
+use glam::DVec3;
 
 /// What a file is read as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,6 +51,14 @@ impl Format {
             Some(Self::Vti)
         } else {
             None
+        }
+    }
+
+    /// What is up in such files, where the format says so whatever it holds.
+    pub(crate) fn up(self) -> Option<DVec3> {
+        match self {
+            Self::Gltf => Some(DVec3::Y),
+            _ => None,
         }
     }
 

@@ -20,6 +20,7 @@
 
 mod content;
 mod error;
+pub mod export;
 mod file;
 mod format;
 pub mod gltf;
@@ -50,6 +51,8 @@ pub struct OpenOptions {
     pub spacing: Option<DVec3>,
     /// A PNG or JPEG for the parts of an OBJ or PLY mesh that have texture coordinates and no texture.
     pub texture: Option<PathBuf>,
+    /// Which of several levels of detail, 0 being the finest, which is the default.
+    pub level: Option<u32>,
     /// Bytes that a compressed file may unpack to, at most.
     pub max_memory: u64,
 }
@@ -61,7 +64,7 @@ impl OpenOptions {
 
 impl Default for OpenOptions {
     fn default() -> Self {
-        Self { raw: None, spacing: None, texture: None, max_memory: Self::MAX_MEMORY }
+        Self { raw: None, spacing: None, texture: None, level: None, max_memory: Self::MAX_MEMORY }
     }
 }
 
@@ -72,12 +75,14 @@ impl Default for OpenOptions {
 /// samples when neither `options` nor the file's name tell their layout.
 pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Opened, ImportError> {
     let file = File::read(path.as_ref())?;
-    match Format::of(&file, options.raw.is_some()) {
+    let format = Format::of(&file, options.raw.is_some());
+    let opened = match format {
         Format::Gltf => gltf::read(&file).map(Opened::from),
         Format::Obj => obj::read(&file, options).map(Opened::from),
         Format::Ply => ply::read(file, options),
         Format::Nrrd => nrrd::read(&file, options).map(Opened::from),
         Format::Vti => vti::read(&file, options).map(Opened::from),
         Format::Raw => raw::read(&file, options).map(Opened::from),
-    }
+    }?;
+    Ok(Opened { format: format.name(), up: format.up().unwrap_or(opened.up), ..opened })
 }

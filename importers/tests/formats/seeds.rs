@@ -87,7 +87,7 @@ pub(crate) fn splats() -> Vec<Seed> {
 pub(crate) fn gltf() -> Vec<Seed> {
     vec![
         alone("a.glb", crate::gltf::example_glb()),
-        Seed { name: "a.gltf", bytes: crate::gltf::example_gltf().into(), beside: vec![("a.png", png())] },
+        Seed { name: "a.gltf", bytes: crate::gltf::example_gltf(), beside: vec![("a.png", png())] },
     ]
 }
 
@@ -96,4 +96,29 @@ pub(crate) fn obj() -> Vec<Seed> {
         f 1/1/1 2/1/1 3/2/1 4/2/1\nf -1//-1 -2//-1 -3//-1\n";
     let library = b"newmtl a\nKd 1 0.5 0\nd 0.5\nmap_Kd -clamp on -o 0 0 0 -mm 0 1 a.png\n".to_vec();
     vec![Seed { name: "a.obj", bytes: text.into(), beside: vec![("a.mtl", library), ("a.png", png())] }]
+}
+
+/// The seeds of every format, under its name.
+pub(crate) fn all() -> Vec<(&'static str, Vec<Seed>)> {
+    vec![
+        ("gltf", gltf()),
+        ("nrrd", nrrd()),
+        ("obj", obj()),
+        ("ply", [ply(), splats()].into_iter().flatten().collect()),
+        ("raw", raw()),
+        ("vti", vti()),
+    ]
+}
+
+/// Where `OBLATE_SEEDS` names a folder, such as `fuzz/corpus`, fuzzing begins with the files that this writes there.
+#[test]
+fn are_written_for_fuzzing() {
+    let Some(folder) = std::env::var_os("OBLATE_SEEDS").map(std::path::PathBuf::from) else { return };
+    for (format, seeds) in all() {
+        let folder = folder.join(format);
+        std::fs::create_dir_all(&folder).unwrap();
+        for (index, seed) in seeds.iter().enumerate() {
+            std::fs::write(folder.join(format!("seed_{index}")), &seed.bytes).unwrap();
+        }
+    }
 }
