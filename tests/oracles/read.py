@@ -62,6 +62,7 @@ FILES = {
         "pointclouds/lone-star.laz",
         "written/colored.laz",
         "written/plain.las",
+        "written/points.ply",
     ],
     read_grid: ["irregular/bluntfinxyz.bin", "irregular/combxyz.bin", "irregular/office.binary.vtk"],
 }

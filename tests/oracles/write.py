@@ -145,6 +145,16 @@ def write_points():
         las.write(WRITTEN / name)
 
 
+def write_ply_points():
+    k = np.arange(40)
+    columns = {"x": 0.25 * k - 3, "y": 7 - 0.5 * k, "z": 0.125 * (k % 7), "nx": 0.6 * (k % 2), "ny": 0 * k, "nz": 1 - 0.2 * (k % 2)}
+    vertex = np.zeros(40, [(name, "f4") for name in columns] + [(name, "u1") for name in ("red", "green", "blue")])
+    for name, values in columns.items():
+        vertex[name] = values
+    vertex["red"], vertex["green"], vertex["blue"] = 6 * k, 255 - 6 * k, k % 5 * 50
+    plyfile.PlyData([plyfile.PlyElement.describe(vertex, "vertex")]).write(str(WRITTEN / "points.ply"))
+
+
 def write_meshes():
     box = trimesh.creation.box(extents=[1, 2, 3], transform=trimesh.transformations.translation_matrix([4, 5, 6]))
     box.export(WRITTEN / "binary.stl")
@@ -160,5 +170,5 @@ def write_meshes():
 
 
 WRITTEN.mkdir(exist_ok=True)
-for write in [write_nifti, write_nrrd, write_metaimage, write_vtk, write_tiff, write_points, write_meshes]:
+for write in [write_nifti, write_nrrd, write_metaimage, write_vtk, write_tiff, write_points, write_ply_points, write_meshes]:
     write()

@@ -50,6 +50,7 @@ const NOT_YET: &[&str] = &[
     "written/even.vtr",
     "written/flipped.mhd",
     "written/plain.las",
+    "written/points.ply",
     "written/qform_flipped.nii",
     "written/second.nii",
     "written/sform_and_qform.nii.gz",
