@@ -155,5 +155,5 @@ def briefly_by_itk(file):
     try:
         facts = described(*itk(file))
     except RuntimeError as error:
-        return {"reader": f"SimpleITK {SimpleITK.__version__}", "refused": str(error).splitlines()[-1]}
+        return {"reader": f"SimpleITK {SimpleITK.__version__}", "refused": str(error).splitlines()[-1].split(' "')[0]}
     return {name: facts[name] for name in ("reader", "frame", "dims", "range", "mean", "index_to_world")}

@@ -1,6 +1,8 @@
 //! What oblate reads of the test data against what other readers read: `tests/oracles/` of the repository holds what they said
 //! and how to ask them. Without the data these tests skip, unless `OBLATE_REQUIRE_DATA=1`.
 
+#![expect(clippy::unwrap_used, reason = "helpers of tests may panic as tests do")]
+
 mod agreement;
 mod mesh;
 #[expect(dead_code, reason = "for readers of point clouds to come")]
