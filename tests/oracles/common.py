@@ -11,6 +11,11 @@ DATA = pathlib.Path(os.environ.get("OBLATE_DATA", HERE / "../../../shared/data")
 SPOTS = 16
 
 
+def place(path):
+    """Files that write.py made lie here."""
+    return (HERE if path.startswith("written/") else DATA) / path
+
+
 def spot_indices(count, spots=SPOTS):
     """Both ends and, between them, places that no period of a file meets again and again."""
     if count <= spots:

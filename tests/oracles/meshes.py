@@ -1,4 +1,4 @@
-"""Meshes: PLY by plyfile, OBJ by VTK, GLB by trimesh; what does not depend on an order is computed here."""
+"""Meshes: PLY by plyfile, OBJ by VTK, GLB and STL by trimesh; what does not depend on an order is computed here."""
 
 from importlib.metadata import version
 
@@ -12,7 +12,7 @@ from common import numbers, rows, spot_indices
 
 
 def read_mesh(path, file):
-    return {".ply": by_plyfile, ".obj": by_vtk, ".glb": by_trimesh}[file.suffix](file)
+    return {".ply": by_plyfile, ".obj": by_vtk, ".glb": by_trimesh, ".stl": facets_by_trimesh}[file.suffix](file)
 
 
 def fans(polygons):
@@ -89,3 +89,10 @@ def by_trimesh(file):
     facts = {"format": "glb", "reader": f"trimesh {trimesh.__version__}", "textures": textures}
     facts["vertices"] = sum(map(len, positions))
     return described(np.concatenate(positions), np.concatenate(triangles), facts)
+
+
+def facets_by_trimesh(file):
+    """Each facet has corners of its own: how many positions that makes is up to the reader."""
+    mesh = trimesh.load_mesh(file, process=False)
+    facts = {"format": "stl", "reader": f"trimesh {trimesh.__version__}", "vertices": None}
+    return described(mesh.vertices, np.asarray(mesh.faces), facts)

@@ -12,7 +12,7 @@ from meshes import read_mesh
 from points import read_points
 from volumes import read_volume
 
-from common import DATA, write
+from common import place, write
 
 FILES = {
     read_volume: [
@@ -25,6 +25,22 @@ FILES = {
         "volumes/mricron_ch2better.nii.gz",
         "volumes/tooth.nrrd",
         "volumes/vtk_hydrogen.vti",
+        "written/appended.vti",
+        "written/ascii.points.vtk",
+        "written/big_endian.nii",
+        "written/binary.points.vtk",
+        "written/bytes.mha",
+        "written/detached.nhdr",
+        "written/even.rectilinear.vtk",
+        "written/even.vtr",
+        "written/flipped.mhd",
+        "written/qform_flipped.nii",
+        "written/second.nii",
+        "written/sform_and_qform.nii.gz",
+        "written/stack.tif",
+        "written/turned.mha",
+        "written/turned.nrrd",
+        "written/turned.vti",
     ],
     read_mesh: [
         "meshes/DamagedHelmet.glb",
@@ -37,8 +53,17 @@ FILES = {
         "meshes/spot/spot_control_mesh.obj",
         "meshes/spot/spot_quadrangulated.obj",
         "meshes/spot/spot_triangulated.obj",
+        "written/ascii.stl",
+        "written/binary.stl",
+        "written/polygons.ply",
     ],
-    read_points: ["pointclouds/autzen_trim.las", "pointclouds/lone-star.laz"],
+    read_points: [
+        "pointclouds/autzen_trim.las",
+        "pointclouds/lone-star.laz",
+        "written/colored.laz",
+        "written/plain.las",
+        "written/points.ply",
+    ],
     read_grid: ["irregular/bluntfinxyz.bin", "irregular/combxyz.bin", "irregular/office.binary.vtk"],
 }
 
@@ -48,7 +73,7 @@ def main():
     for read, paths in FILES.items():
         for path in paths:
             if not wanted or any(part in path for part in wanted):
-                write(path, read(path, DATA / path))
+                write(path, read(path, place(path)))
 
 
 main()

@@ -2,7 +2,7 @@
 //
 //     node splats.mjs [part of a path ...]
 
-import { getInputFormat, logger, MemoryReadFileSystem, readFile, getSHBands, version } from '@playcanvas/splat-transform';
+import { convertToSpace, getInputFormat, logger, MemoryReadFileSystem, readFile, getSHBands, Transform, version } from '@playcanvas/splat-transform';
 import fs from 'node:fs';
 import path from 'node:path';
 import { fileURLToPath } from 'node:url';
@@ -20,13 +20,26 @@ const FILES = [
     'splats/fixtures/minimal-v4.spz',
     'splats/fixtures/minimal.ksplat',
     'splats/fixtures/minimal.splat',
-    ...LEVELS
+    ...LEVELS,
+    'written/degree3.compressed.ply',
+    'written/degree3.glb',
+    'written/degree3.ply',
+    'written/degree3.sog',
+    'written/degree3.v3.spz',
+    'written/degree3.v4.spz'
 ];
 const LEVEL_SET = 'splats/playbot/lod-meta.json';
 
+/** Files that write.mjs made lie here. */
+const place = file => path.join(file.startsWith('written/') ? HERE : DATA, file);
+
 /** The table of a file. Everything in its folder is at hand, since .sog is a set of files. */
 const tableOf = async (file) => {
-    const full = path.join(DATA, file);
+    if (file.endsWith('.glb')) {
+        // Only written, in the axes of glTF, and with all digits: what should be in it is in the .ply beside it.
+        return convertToSpace(await tableOf(file.replace('.glb', '.ply')), Transform.IDENTITY);
+    }
+    const full = place(file);
     const folder = path.dirname(full);
     const fileSystem = new MemoryReadFileSystem();
     for (const entry of fs.readdirSync(folder, { withFileTypes: true }).filter(entry => entry.isFile())) {
@@ -176,7 +189,7 @@ const write = (file, facts) => {
     console.log(name, text.length);
 };
 
-const formatOf = file => (file.endsWith('meta.json') ? 'sog' : path.basename(file).split('.').slice(1).join('.'));
+const formatOf = file => (file.endsWith('meta.json') ? 'sog' : path.basename(file).replace(/^(degree3|minimal(-\w+)?|biker)\.(v\d\.)?/, ''));
 const READER = `@playcanvas/splat-transform ${version}`;
 // The reader gives all formats these axes; of .spz, which holds x right, y up, z back, it turns y and z around.
 const FRAME = 'RDF: x right, y down, z forward, as in trained .ply files';
@@ -206,7 +219,8 @@ for (const file of [...FILES, LEVEL_SET]) {
         for (const level of LEVELS) read.push({ file: level, count: (await tableOf(level)).numRows });
         write(file, { kind: 'splat_levels', format: 'lod-meta.json', reader: READER, levels, chunks, read });
     } else {
-        const facts = { kind: 'splats', format: formatOf(file), reader: READER, frame: FRAME };
+        const frame = file.endsWith('.glb') ? 'glTF: that of the .ply after half a turn about z' : FRAME;
+        const facts = { kind: 'splats', format: formatOf(file), reader: READER, frame };
         try {
             write(file, { ...facts, ...describe(await tableOf(file)) });
         } catch (error) {

@@ -1,4 +1,5 @@
-"""Volumes: raw samples by NumPy, NIfTI by nibabel, NRRD by pynrrd, VTI by VTK; NIfTI and NRRD by SimpleITK as well."""
+"""Volumes: raw samples by NumPy, NIfTI by nibabel, NRRD by pynrrd, VTK's by VTK, MetaImage by ITK, TIFF by Pillow; NIfTI and
+NRRD by ITK as well."""
 
 import gzip
 import re
@@ -6,6 +7,7 @@ import re
 import nibabel
 import nrrd
 import numpy as np
+import PIL.Image
 import SimpleITK
 import vtk
 from vtk.util.numpy_support import vtk_to_numpy
@@ -14,8 +16,24 @@ from common import number, numbers, rows, voxel_spots
 
 
 def read_volume(path, file):
-    readers = {".gz": by_numpy, ".vti": by_vtk, ".nrrd": by_pynrrd}
-    return (by_nibabel if path.endswith(".nii.gz") else readers[file.suffix])(file)
+    readers = {
+        ".raw.gz": by_numpy,
+        ".nii.gz": by_nibabel,
+        ".nii": by_nibabel,
+        ".vti": by_vtk,
+        ".vtr": by_vtk,
+        ".vtk": by_vtk,
+        ".nrrd": by_pynrrd,
+        ".nhdr": by_pynrrd,
+        ".mha": by_itk,
+        ".mhd": by_itk,
+        ".tif": by_pillow,
+    }
+    ending = next(ending for ending in readers if path.endswith(ending))
+    return readers[ending](file)
+
+
+KINDS = {"uint8": "u8", "uint16": "u16", "int16": "i16", "float32": "f32", "float64": "f64"}
 
 
 def described(samples, facts):
@@ -54,17 +72,34 @@ def by_numpy(file):
 
 
 def by_vtk(file):
-    reader = vtk.vtkXMLImageDataReader()
+    legacy = vtk.vtkRectilinearGridReader if "rectilinear" in file.name else vtk.vtkStructuredPointsReader
+    reader = {".vti": vtk.vtkXMLImageDataReader, ".vtr": vtk.vtkXMLRectilinearGridReader, ".vtk": legacy}[file.suffix]()
     reader.SetFileName(str(file))
     reader.Update()
-    image = reader.GetOutput()
-    array = image.GetPointData().GetArray(0)
-    samples = vtk_to_numpy(array).reshape(image.GetDimensions(), order="F")
-    direction = [[image.GetDirectionMatrix().GetElement(r, c) for c in range(3)] for r in range(3)]
-    kind = {"uint8": "u8", "float32": "f32"}[samples.dtype.name]
-    facts = {"format": "vti", "reader": f"vtk {vtk.vtkVersion.GetVTKVersion()}", "sample_type": kind}
-    where = frame(image.GetSpacing(), image.GetOrigin(), direction)
+    data = reader.GetOutput()
+    array = data.GetPointData().GetArray(0)
+    samples = vtk_to_numpy(array).reshape(data.GetDimensions(), order="F")
+    facts = {"format": file.suffix[1:], "reader": f"vtk {vtk.vtkVersion.GetVTKVersion()}", "sample_type": KINDS[samples.dtype.name]}
+    if isinstance(data, vtk.vtkRectilinearGrid):
+        axes = [vtk_to_numpy(a) for a in (data.GetXCoordinates(), data.GetYCoordinates(), data.GetZCoordinates())]
+        where = frame([a[1] - a[0] for a in axes], [a[0] for a in axes])
+    else:
+        matrix = data.GetDirectionMatrix()
+        direction = [[matrix.GetElement(r, c) for c in range(3)] for r in range(3)]
+        where = frame(data.GetSpacing(), data.GetOrigin(), direction)
     return described(samples, {**facts, "array": array.GetName(), "frame": "as in file", **where})
+
+
+def by_pillow(file):
+    """Pages are slices; a file that says no spacing has a spacing of 1."""
+    image = PIL.Image.open(file)
+    pages = []
+    for page in range(image.n_frames):
+        image.seek(page)
+        pages.append(np.asarray(image).T)
+    samples = np.stack(pages, axis=2)
+    facts = {"format": "tif", "reader": f"Pillow {PIL.__version__}", "sample_type": KINDS[samples.dtype.name]}
+    return described(samples, {**facts, "frame": "x along rows, y down, z by page", **frame([1, 1, 1], [0, 0, 0])})
 
 
 def by_nibabel(file):
@@ -73,10 +108,12 @@ def by_nibabel(file):
     samples = np.asanyarray(image.dataobj)
     spacing = np.linalg.norm(image.affine[:3, :3], axis=0)
     facts = {
-        "format": "nii.gz",
+        "format": "".join(file.suffixes)[1:],
         "reader": f"nibabel {nibabel.__version__}",
-        "sample_type": {"uint8": "u8", "int16": "i16", "float64": "f64"}[header.get_data_dtype().name],
-        "slope_intercept": [None if v is None else float(v) for v in header.get_slope_inter()],
+        "stored_type": KINDS[header.get_data_dtype().name],
+        # Scaled values are in double precision.
+        "sample_type": KINDS[samples.dtype.name],
+        "slope_intercept": [image.dataobj.slope, image.dataobj.inter],
         "codes": {"sform": int(header["sform_code"]), "qform": int(header["qform_code"])},
         "qform": rows(header.get_qform()),
         "sform": rows(header.get_sform()),
@@ -84,7 +121,7 @@ def by_nibabel(file):
         "frame": "RAS+ (x to the right, y to the front, z up, of a patient)",
         **frame(spacing, image.affine[:3, 3], image.affine[:3, :3] / spacing),
     }
-    return {**described(samples, facts), "also": [by_itk(file)]}
+    return {**described(samples, facts), "also": [briefly_by_itk(file)]}
 
 
 def by_pynrrd(file):
@@ -92,25 +129,31 @@ def by_pynrrd(file):
     directions = np.asarray(header["space directions"], float).T
     spacing = np.linalg.norm(directions, axis=0)
     facts = {
-        "format": "nrrd",
+        "format": file.suffix[1:],
         "reader": f"pynrrd {nrrd.__version__}",
-        "sample_type": {"uint8": "u8"}[samples.dtype.name],
+        "sample_type": KINDS[samples.dtype.name],
         "frame": f"as in file ({header['space']})",
         **frame(spacing, header["space origin"], directions / spacing),
     }
-    return {**described(samples, facts), "also": [by_itk(file)]}
+    return {**described(samples, facts), "also": [briefly_by_itk(file)]}
+
+
+def itk(file):
+    """ITK's world is LPS+ whatever the file's is; MetaImage's is that, too."""
+    image = SimpleITK.ReadImage(str(file))
+    where = frame(image.GetSpacing(), image.GetOrigin(), np.reshape(image.GetDirection(), (3, 3)))
+    facts = {"reader": f"SimpleITK {SimpleITK.__version__}", "frame": "LPS+", **where}
+    return SimpleITK.GetArrayFromImage(image).T, facts
 
 
 def by_itk(file):
-    """ITK's world is LPS+ whatever the file's is."""
-    image = SimpleITK.ReadImage(str(file))
-    samples = SimpleITK.GetArrayViewFromImage(image).T
-    direction = np.reshape(image.GetDirection(), (3, 3))
-    return {
-        "reader": f"SimpleITK {SimpleITK.__version__}",
-        "frame": "LPS+",
-        "dims": list(image.GetSize()),
-        "range": [number(samples.min()), number(samples.max())],
-        "mean": float(samples.mean(dtype=np.float64)),
-        "index_to_world": frame(image.GetSpacing(), image.GetOrigin(), direction)["index_to_world"],
-    }
+    samples, facts = itk(file)
+    return described(samples, {"format": file.suffix[1:], "sample_type": KINDS[samples.dtype.name], **facts})
+
+
+def briefly_by_itk(file):
+    try:
+        facts = described(*itk(file))
+    except RuntimeError as error:
+        return {"reader": f"SimpleITK {SimpleITK.__version__}", "refused": str(error).splitlines()[-1].split(' "')[0]}
+    return {name: facts[name] for name in ("reader", "frame", "dims", "range", "mean", "index_to_world")}

@@ -1,6 +1,8 @@
 //! What oblate reads of the test data against what other readers read: `tests/oracles/` of the repository holds what they said
 //! and how to ask them. Without the data these tests skip, unless `OBLATE_REQUIRE_DATA=1`.
 
+#![expect(clippy::unwrap_used, reason = "helpers of tests may panic as tests do")]
+
 mod agreement;
 mod mesh;
 #[expect(dead_code, reason = "for readers of point clouds to come")]
@@ -34,6 +36,28 @@ const NOT_YET: &[&str] = &[
     "splats/playbot/6_0/meta.json",
     "splats/playbot/lod-meta.json",
     "volumes/mricron_ch2better.nii.gz",
+    "written/ascii.points.vtk",
+    "written/ascii.stl",
+    "written/big_endian.nii",
+    "written/binary.points.vtk",
+    "written/binary.stl",
+    "written/bytes.mha",
+    "written/colored.laz",
+    "written/degree3.compressed.ply",
+    "written/degree3.glb",
+    "written/degree3.sog",
+    "written/degree3.v3.spz",
+    "written/degree3.v4.spz",
+    "written/even.rectilinear.vtk",
+    "written/even.vtr",
+    "written/flipped.mhd",
+    "written/plain.las",
+    "written/points.ply",
+    "written/qform_flipped.nii",
+    "written/second.nii",
+    "written/sform_and_qform.nii.gz",
+    "written/stack.tif",
+    "written/turned.mha",
 ];
 
 /// What another reader says of a file.
@@ -60,11 +84,15 @@ enum Facts {
     Refused {},
 }
 
-fn root() -> PathBuf {
-    env::var_os("OBLATE_DATA").map_or_else(
-        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")),
-        PathBuf::from,
-    )
+/// Where a file is that something is said of.
+fn place(file: &str) -> PathBuf {
+    let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = match env::var_os("OBLATE_DATA") {
+        _ if file.starts_with("written/") => manifest.join("../tests/oracles"),
+        Some(root) => PathBuf::from(root),
+        None => manifest.join("../../shared/data"),
+    };
+    root.join(file)
 }
 
 /// What is said of the files in a folder of the test data.
@@ -91,9 +119,10 @@ fn agree(folder: &str) {
 }
 
 fn problems(oracle: &Oracle) -> Vec<String> {
-    let path = root().join(&oracle.file);
+    let path = place(&oracle.file);
     if !path.exists() {
-        let required = env::var_os("OBLATE_REQUIRE_DATA").is_some_and(|value| value == "1");
+        let is_here = oracle.file.starts_with("written/");
+        let required = is_here || env::var_os("OBLATE_REQUIRE_DATA").is_some_and(|value| value == "1");
         assert!(!required, "{} is required", path.display());
         println!("skipped: {} is not there", path.display());
         return Vec::new();
@@ -142,6 +171,12 @@ fn point_clouds() {
 #[test]
 fn trained_splats() {
     agree("splats/");
+}
+
+/// What other programs wrote for these tests: rotated, flipped and contradictory headers, and formats that the data lacks.
+#[test]
+fn files_of_other_writers() {
+    agree("written/");
 }
 
 #[test]

@@ -1,8 +1,9 @@
 //! Point clouds against what other readers say of them.
 
 use crate::agreement::Agreement;
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use oblate_engine::color::linear_to_srgb;
+use oblate_surfels::PointCloud;
 use serde::Deserialize;
 
 #[derive(Deserialize)]
@@ -10,43 +11,34 @@ pub(crate) struct Facts {
     count: usize,
     bounds: [[f64; 3]; 2],
     mean: [f64; 3],
-    intensity: Intensity,
-    rgb16: Option<Colors>,
+    intensity: Option<Intensity>,
+    rgb: Option<Colors>,
     spots: Vec<Spot>,
 }
 
 #[derive(Deserialize)]
 struct Intensity {
-    range: [f64; 2],
-    mean: f64,
+    /// Least and most.
+    range: [[f64; 1]; 2],
+    mean: [f64; 1],
 }
 
 #[derive(Deserialize)]
 struct Colors {
     /// Least and most of each channel.
-    ranges: [[f64; 3]; 2],
+    range: [[f64; 3]; 2],
 }
 
 #[derive(Deserialize)]
 struct Spot {
     index: usize,
     xyz: [f64; 3],
-    intensity: f64,
-    rgb16: Option<[f64; 3]>,
+    intensity: Option<f64>,
+    /// Of 8 or 16 bits.
+    rgb: Option<[f64; 3]>,
 }
 
-/// What a reader gives; arrays have an entry for each point.
-pub(crate) struct Points<'a> {
-    pub(crate) origin: DVec3,
-    /// Relative to the origin.
-    pub(crate) positions: &'a [Vec3],
-    /// Linear Rec. 709.
-    pub(crate) colors: Option<&'a [[f32; 3]]>,
-    /// As the file has them.
-    pub(crate) intensities: Option<&'a [f32]>,
-}
-
-pub(crate) fn compare(agreement: &mut Agreement, points: &Points<'_>, facts: &Facts) {
+pub(crate) fn compare(agreement: &mut Agreement, points: &PointCloud, facts: &Facts) {
     let count = points.positions.len();
     agreement.same("count", count, facts.count);
     if count != facts.count {
@@ -63,33 +55,30 @@ pub(crate) fn compare(agreement: &mut Agreement, points: &Points<'_>, facts: &Fa
     let mean = all().sum::<DVec3>() / count as f64;
     agreement.near("mean", &mean.to_array(), &facts.mean, rounding);
 
-    match &points.intensities {
-        Some(intensities) => {
-            let range = intensities
-                .iter()
-                .fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], &v| [low.min(v), high.max(v)]);
-            agreement.same("range of intensities", range.map(f64::from), facts.intensity.range);
-            let mean = intensities.iter().map(|v| f64::from(*v)).sum::<f64>() / count as f64;
-            // Whole numbers, whose sums are exact; one division rounds.
-            agreement.near("mean intensity", &[mean], &[facts.intensity.mean], 1e-12 * facts.intensity.mean);
-        }
-        None => agreement.problem("has no intensities"),
+    agreement.same("whether it has intensities", points.intensities.is_some(), facts.intensity.is_some());
+    if let (Some(intensities), Some(expected)) = (&points.intensities, &facts.intensity) {
+        let low = intensities.iter().copied().fold(f32::INFINITY, f32::min);
+        let high = intensities.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        agreement.same("range of intensities", [low, high].map(f64::from), expected.range.map(|[v]| v));
+        let mean = intensities.iter().map(|v| f64::from(*v)).sum::<f64>() / count as f64;
+        // Whole numbers, whose sums are exact; one division rounds.
+        agreement.near("mean intensity", &[mean], &expected.mean, 1e-12 * expected.mean[0]);
     }
-    agreement.same("whether it has colours", points.colors.is_some(), facts.rgb16.is_some());
+    agreement.same("whether it has colours", points.colors.is_some(), facts.rgb.is_some());
 
     // Files have 16 bits for a channel, and many writers put 8 there.
-    let largest = facts.rgb16.as_ref().map(|colors| colors.ranges[1].into_iter().fold(0.0, f64::max));
+    let largest = facts.rgb.as_ref().map(|colors| colors.range[1].into_iter().fold(0.0, f64::max));
     let white = if largest.is_some_and(|most| most <= 255.0) { 255.0 } else { 65535.0 };
     for spot in &facts.spots {
         let what = |name: &str| format!("{name} of point {}", spot.index);
         agreement.near(&what("position"), &position(spot.index).to_array(), &spot.xyz, rounding);
-        if let Some(intensities) = &points.intensities {
-            agreement.same(&what("intensity"), f64::from(intensities[spot.index]), spot.intensity);
+        if let (Some(intensities), Some(expected)) = (&points.intensities, spot.intensity) {
+            agreement.same(&what("intensity"), f64::from(intensities[spot.index]), expected);
         }
-        if let (Some(colors), Some(rgb16)) = (&points.colors, spot.rgb16) {
+        if let (Some(colors), Some(rgb)) = (&points.colors, spot.rgb) {
             let encoded = colors[spot.index].map(|channel| f64::from(linear_to_srgb(channel)));
             // To linear and back, with a power each way.
-            agreement.near(&what("colour"), &encoded, &rgb16.map(|channel| channel / white), 2e-6);
+            agreement.near(&what("colour"), &encoded, &rgb.map(|channel| channel / white), 2e-6);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Trained splats against what another reader says of them: over all of them, in whatever order, and one by one.
 
 use crate::agreement::{Agreement, distance};
-use glam::DMat3;
+use glam::{DMat3, DQuat, DVec3};
 use oblate_engine::color::linear_to_srgb;
 use oblate_engine::{Splats, Strength};
 use serde::Deserialize;
@@ -159,7 +159,7 @@ fn compare_all(
 
     let mut sums = vec![Sums::default(); names.len()];
     let mut covariances = [0.0; 6];
-    let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for i in 0..splats.centers.len() {
         let row = row(splats, peaks, i);
         let harmonics = splats.harmonics.iter().flat_map(|h| &h.coefficients[i * per_splat..][..per_splat]);
@@ -172,11 +172,10 @@ fn compare_all(
         sums.iter_mut().zip(values).for_each(|(sums, value)| sums.add(value));
         let covariance = covariance(row.rotation, row.log_scales);
         covariances.iter_mut().zip(covariance).for_each(|(sum, v)| *sum += v);
-        for axis in 0..3 {
-            bounds[0][axis] = bounds[0][axis].min(row.position[axis]);
-            bounds[1][axis] = bounds[1][axis].max(row.position[axis]);
-        }
+        let position = DVec3::from(row.position);
+        (low, high) = (low.min(position), high.max(position));
     }
+    let bounds = [low.to_array(), high.to_array()];
     agreement.near("bounds", &bounds.concat(), &facts.bounds.concat(), tolerance.position * size);
     for ((name, tolerance), sums) in names.iter().zip(sums) {
         let Some(expected) = facts.mean_and_deviation.get(name) else {
@@ -232,7 +231,7 @@ fn differences(splats: &Splats, row: &Row, (i, spot): (usize, &Spot), tolerance:
     };
     near("log scales", &sorted(row.log_scales), &sorted(spot.log_scales), tolerance.log_scale);
     let [w, x, y, z] = spot.rotation_wxyz;
-    let rotation = DMat3::from_quat(glam::DQuat::from_xyzw(x, y, z, w).normalize());
+    let rotation = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
     let expected = covariance(rotation, spot.log_scales);
     let largest = spot.log_scales.into_iter().fold(f64::NEG_INFINITY, f64::max);
     let relative = 2.0 * tolerance.log_scale + 2.0 * tolerance.axis;
