@@ -160,12 +160,13 @@ pub(crate) fn read(path: &Path) -> Result<Description> {
 }
 
 /// What is wrong, and where in the text.
-struct Problem {
+pub(crate) struct Problem {
     message: String,
     span: Option<Range<usize>>,
 }
 
-fn parse(text: &str, folder: &Path) -> Result<Description, Problem> {
+/// Reads the text of a scene file that lies in `folder`.
+pub(crate) fn parse(text: &str, folder: &Path) -> Result<Description, Problem> {
     let file: File = toml::from_str(text).map_err(|e| Problem {
         // The message may go over several lines; errors are said on one.
         message: e.message().trim().replace('\n', ", "),
