@@ -20,6 +20,8 @@
 
 mod content;
 mod error;
+#[cfg_attr(not(test), expect(dead_code, reason = "writers are for the command to come"))]
+mod export;
 mod file;
 mod format;
 pub mod gltf;
@@ -32,6 +34,7 @@ pub mod volumes;
 
 pub use content::{Content, Note, Opened};
 pub use error::{ImportError, Place};
+pub use export::ExportError;
 pub use volumes::raw::{Endian, LayoutError, RawLayout, SampleType, parse_dims};
 
 use file::File;
