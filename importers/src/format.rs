@@ -2,6 +2,7 @@
 
 use crate::file::File;
 use glam::DVec3;
+use crate::volumes::dicom_data_set::is_dicom;
 
 /// What a file is read as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -11,6 +12,8 @@ pub(crate) enum Format {
     Ply,
     Nrrd,
     Vti,
+    Tiff,
+    Dicom,
     Raw,
 }
 
@@ -31,6 +34,7 @@ impl Format {
             Some("ply") => Self::Ply,
             Some("nrrd" | "nhdr") => Self::Nrrd,
             Some("vti") => Self::Vti,
+            Some("tif" | "tiff") => Self::Tiff,
             Some("raw" | "gz") => Self::Raw,
             _ if looks_like_obj(&file.bytes) => Self::Obj,
             _ => Self::Raw,
@@ -47,6 +51,10 @@ impl Format {
             Some(Self::Ply)
         } else if bytes.starts_with(b"NRRD0") {
             Some(Self::Nrrd)
+        } else if is_tiff(bytes) {
+            Some(Self::Tiff)
+        } else if is_dicom(bytes) {
+            Some(Self::Dicom)
         } else if head.starts_with(b"<") && contains(head, b"<VTKFile") {
             Some(Self::Vti)
         } else {
@@ -69,9 +77,15 @@ impl Format {
             Self::Ply => "PLY",
             Self::Nrrd => "NRRD",
             Self::Vti => "VTI",
+            Self::Tiff => "TIFF",
+            Self::Dicom => "DICOM",
             Self::Raw => "raw",
         }
     }
+}
+
+fn is_tiff(bytes: &[u8]) -> bool {
+    [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|beginning| bytes.starts_with(*beginning))
 }
 
 fn contains(bytes: &[u8], part: &[u8]) -> bool {

@@ -1,6 +1,6 @@
 //! Decompression that stops at the size that is expected.
 
-use flate2::read::{MultiGzDecoder, ZlibDecoder};
+use flate2::read::{DeflateDecoder, MultiGzDecoder, ZlibDecoder};
 use std::io::Read;
 
 /// A deflate stream holds at most this many bytes for each of its own: 258 for two bits.
@@ -27,9 +27,17 @@ pub(crate) fn gzip_beginning(compressed: &[u8], limit: usize) -> Vec<u8> {
 /// All of a gzip file, if it unpacks to no more than `limit` bytes.
 #[expect(dead_code, reason = "formats whose size only the unpacked bytes tell come next")]
 pub(crate) fn gunzip_all(compressed: &[u8], limit: u64) -> Result<Vec<u8>, String> {
+    all(MultiGzDecoder::new(compressed), limit)
+}
+
+/// All of a deflate stream without head, if it unpacks to no more than `limit` bytes.
+pub(crate) fn deflated_all(compressed: &[u8], limit: u64) -> Result<Vec<u8>, String> {
+    all(DeflateDecoder::new(compressed), limit)
+}
+
+fn all(reader: impl Read, limit: u64) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::new();
-    let unpacked = MultiGzDecoder::new(compressed).take(limit.saturating_add(1)).read_to_end(&mut bytes);
-    match unpacked {
+    match reader.take(limit.saturating_add(1)).read_to_end(&mut bytes) {
         Err(error) => Err(format!("the compressed data break off after {} bytes: {error}", bytes.len())),
         Ok(length) if length as u64 > limit => Err(over_limit(limit)),
         Ok(_) => Ok(bytes),

@@ -9,6 +9,9 @@
 //! | PLY, ascii and binary | mesh, or trained splats | [`ply`] |
 //! | NRRD, attached and detached | volume | [`volumes::nrrd`] |
 //! | VTI (VTK ImageData) | volume | [`volumes::vti`] |
+//! | TIFF stacks | volume | [`volumes::tiff`] |
+//! | DICOM, a file of a series or its folder | volume | [`volumes::dicom`] |
+//! | a folder of numbered slices | volume | [`volumes::slices`] |
 //! | raw samples, also under gzip | volume | [`volumes::raw`] |
 //!
 //! Nothing a file says is believed before the file's own size was asked: declared sizes are compared with
@@ -33,6 +36,7 @@ pub mod volumes;
 
 pub use content::{Content, Note, Opened};
 pub use error::{ImportError, Place};
+pub use export::ExportError;
 pub use volumes::raw::{Endian, LayoutError, RawLayout, SampleType, parse_dims};
 
 use file::File;
@@ -40,7 +44,7 @@ use format::Format;
 use glam::DVec3;
 use meshes::obj;
 use std::path::{Path, PathBuf};
-use volumes::{nrrd, raw, vti};
+use volumes::{dicom, nrrd, raw, slices, tiff, vti};
 
 /// What a caller knows that a file may not say.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,12 +72,16 @@ impl Default for OpenOptions {
     }
 }
 
-/// Reads the file at `path`, whatever of the formats above it is.
+/// Reads the file or folder at `path`, whatever of the formats above it is.
 ///
 /// # Errors
 /// When the file, or one that it names, cannot be read, is malformed or of an unsupported kind; for raw
 /// samples when neither `options` nor the file's name tell their layout.
 pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Opened, ImportError> {
+    if path.as_ref().is_dir() {
+        let opened = slices::read(path.as_ref(), options)?;
+        return Ok(Opened { format: "slices", ..opened });
+    }
     let file = File::read(path.as_ref())?;
     let format = Format::of(&file, options.raw.is_some());
     let opened = match format {
@@ -82,6 +90,8 @@ pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Opened, Imp
         Format::Ply => ply::read(file, options),
         Format::Nrrd => nrrd::read(&file, options).map(Opened::from),
         Format::Vti => vti::read(&file, options).map(Opened::from),
+        Format::Tiff => tiff::read(&file, options),
+        Format::Dicom => dicom::read(&file, options),
         Format::Raw => raw::read(&file, options).map(Opened::from),
     }?;
     Ok(Opened { format: format.name(), up: format.up().unwrap_or(opened.up), ..opened })

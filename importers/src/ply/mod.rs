@@ -22,6 +22,8 @@
 //! Rows that are no splats are left out: see [`crate::splats`]. The others come in Morton order, without normals,
 //! unlit.
 //!
+//! **Surfels** as oblate writes them have a comment that begins with `oblate surfels`, and every number that splats have.
+//!
 //! **Meshes** have elements `vertex` and `face`:
 //! - `x y z`, and `nx ny nz` where given.
 //! - `red green blue` and `alpha` (also `diffuse_red` and so on): integers are scaled to [0, 1]; PLY has no
@@ -35,6 +37,7 @@ mod body;
 mod header;
 mod mesh;
 mod splats;
+pub(crate) mod surfels;
 
 use crate::file::File;
 use crate::{ImportError, OpenOptions, Opened, Place};
@@ -46,7 +49,9 @@ pub(crate) fn read(file: File, options: &OpenOptions) -> Result<Opened, ImportEr
     let has_faces = header.element("face").is_some_and(|faces| faces.rows > 0);
     let vertex = header.element("vertex").filter(|_| !has_faces);
     let has = |name: &&str| vertex.is_some_and(|vertex| vertex.kind(name).is_some());
-    if has(&"packed_position") {
+    if surfels::is_ours(&header) {
+        surfels::read(&file, &header)
+    } else if has(&"packed_position") {
         let feature = "packed splats (.compressed.ply) are not supported; plain ones are";
         Err(file.unsupported(Place::Whole, feature))
     } else if ["f_dc_0", "scale_0", "rot_0"].iter().any(has) {
