@@ -120,7 +120,7 @@ macro_rules! mutated {
     };
 }
 
-mutated!(gltf nrrd obj ply raw splats vti);
+mutated!(dicom gltf nrrd obj ply raw splats surfels tiff vti);
 
 #[test]
 fn material_libraries() {

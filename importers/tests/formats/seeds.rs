@@ -97,3 +97,16 @@ pub(crate) fn obj() -> Vec<Seed> {
     let library = b"newmtl a\nKd 1 0.5 0\nd 0.5\nmap_Kd -clamp on -o 0 0 0 -mm 0 1 a.png\n".to_vec();
     vec![Seed { name: "a.obj", bytes: text.into(), beside: vec![("a.mtl", library), ("a.png", png())] }]
 }
+
+pub(crate) fn tiff() -> Vec<Seed> {
+    vec![alone("a.tif", crate::tiff::example()), alone("a.tif", crate::tiff::ome_example())]
+}
+
+pub(crate) fn dicom() -> Vec<Seed> {
+    let of = crate::dicom::Slice::seeds();
+    of.into_iter().map(|bytes| alone("a.dcm", bytes)).collect()
+}
+
+pub(crate) fn surfels() -> Vec<Seed> {
+    vec![alone("a.ply", crate::surfels::example())]
+}
