@@ -105,13 +105,19 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportE
                 unread += 1;
                 continue;
             };
-            if set.text(SERIES).as_deref() == Some(&series) && !set.pixels.is_empty() {
+            if set.text(SERIES).as_deref() != Some(&series) {
+                continue;
+            }
+            if set.pixels.is_empty() {
+                unread += 1;
+            } else {
                 slices.push(Slice::new(&other, &set)?);
                 check_size(file, &slices, options)?;
             }
         }
     }
-    let note = || Note::LeftOut(format!("{unread} DICOM files beside it that cannot be read"));
+    let note =
+        || Note::LeftOut(format!("{unread} DICOM files beside it that cannot be read or hold no image"));
     join(file, slices, (unread > 0).then(note).into_iter().collect(), options)
 }
 

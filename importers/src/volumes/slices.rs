@@ -137,15 +137,17 @@ fn of_one_kind(folder: &File, files: &[PathBuf]) -> Result<(Vec<String>, Vec<Not
 fn parts(name: &str) -> Vec<&str> {
     let mut parts = Vec::new();
     let mut rest = name;
-    let mut digits = false;
-    while !rest.is_empty() || digits {
-        let end = rest.bytes().position(|b| b.is_ascii_digit() != digits).unwrap_or(rest.len());
-        let (part, after) = rest.split_at(end);
-        parts.push(part);
-        rest = after;
-        digits = !digits;
+    loop {
+        let text = rest.bytes().position(|b| b.is_ascii_digit()).unwrap_or(rest.len());
+        parts.push(&rest[..text]);
+        rest = &rest[text..];
+        if rest.is_empty() {
+            return parts;
+        }
+        let digits = rest.bytes().position(|b| !b.is_ascii_digit()).unwrap_or(rest.len());
+        parts.push(&rest[..digits]);
+        rest = &rest[digits..];
     }
-    parts
 }
 
 /// The order of the names by their numbers.

@@ -3,6 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests may panic as tests do")]
 
 mod common;
+mod dicom;
 mod gltf;
 mod mutation;
 mod nrrd;
@@ -11,5 +12,8 @@ mod ply;
 mod raw;
 mod real_data;
 mod seeds;
+mod slices;
 mod splats;
+mod surfels;
+mod tiff;
 mod vti;

@@ -98,27 +98,15 @@ pub(crate) fn obj() -> Vec<Seed> {
     vec![Seed { name: "a.obj", bytes: text.into(), beside: vec![("a.mtl", library), ("a.png", png())] }]
 }
 
-/// The seeds of every format, under its name.
-pub(crate) fn all() -> Vec<(&'static str, Vec<Seed>)> {
-    vec![
-        ("gltf", gltf()),
-        ("nrrd", nrrd()),
-        ("obj", obj()),
-        ("ply", [ply(), splats()].into_iter().flatten().collect()),
-        ("raw", raw()),
-        ("vti", vti()),
-    ]
+pub(crate) fn tiff() -> Vec<Seed> {
+    vec![alone("a.tif", crate::tiff::example()), alone("a.tif", crate::tiff::ome_example())]
 }
 
-/// Where `OBLATE_SEEDS` names a folder, such as `fuzz/corpus`, fuzzing begins with the files that this writes there.
-#[test]
-fn are_written_for_fuzzing() {
-    let Some(folder) = std::env::var_os("OBLATE_SEEDS").map(std::path::PathBuf::from) else { return };
-    for (format, seeds) in all() {
-        let folder = folder.join(format);
-        std::fs::create_dir_all(&folder).unwrap();
-        for (index, seed) in seeds.iter().enumerate() {
-            std::fs::write(folder.join(format!("seed_{index}")), &seed.bytes).unwrap();
-        }
-    }
+pub(crate) fn dicom() -> Vec<Seed> {
+    let of = crate::dicom::Slice::seeds();
+    of.into_iter().map(|bytes| alone("a.dcm", bytes)).collect()
+}
+
+pub(crate) fn surfels() -> Vec<Seed> {
+    vec![alone("a.ply", crate::surfels::example())]
 }
