@@ -1,6 +1,7 @@
 //! Telling formats apart.
 
 use crate::file::File;
+use crate::splats::{sog, spz};
 
 /// What a file is read as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -10,6 +11,9 @@ pub(crate) enum Format {
     Ply,
     Nrrd,
     Vti,
+    Spz,
+    Sog,
+    Ksplat,
     Raw,
 }
 
@@ -30,6 +34,9 @@ impl Format {
             Some("ply") => Self::Ply,
             Some("nrrd" | "nhdr") => Self::Nrrd,
             Some("vti") => Self::Vti,
+            Some("spz") => Self::Spz,
+            Some("sog") => Self::Sog,
+            Some("ksplat") => Self::Ksplat,
             Some("raw" | "gz") => Self::Raw,
             _ if looks_like_obj(&file.bytes) => Self::Obj,
             _ => Self::Raw,
@@ -40,7 +47,10 @@ impl Format {
     pub(crate) fn of_beginning(bytes: &[u8]) -> Option<Self> {
         let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
         let head = &text[..text.len().min(1024)];
-        if bytes.starts_with(b"glTF") || (head.starts_with(b"{") && contains(text, b"\"asset\"")) {
+        // Both kinds of JSON may have an "asset".
+        if bytes.starts_with(sog::ZIP) || (head.starts_with(b"{") && sog::is_meta(text)) {
+            Some(Self::Sog)
+        } else if bytes.starts_with(b"glTF") || (head.starts_with(b"{") && contains(text, b"\"asset\"")) {
             Some(Self::Gltf)
         } else if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
             Some(Self::Ply)
@@ -48,6 +58,8 @@ impl Format {
             Some(Self::Nrrd)
         } else if head.starts_with(b"<") && contains(head, b"<VTKFile") {
             Some(Self::Vti)
+        } else if spz::begins(bytes) {
+            Some(Self::Spz)
         } else {
             None
         }
@@ -60,6 +72,9 @@ impl Format {
             Self::Ply => "PLY",
             Self::Nrrd => "NRRD",
             Self::Vti => "VTI",
+            Self::Spz => "SPZ",
+            Self::Sog => "SOG",
+            Self::Ksplat => "KSPLAT",
             Self::Raw => "raw",
         }
     }

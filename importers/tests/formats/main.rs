@@ -4,6 +4,7 @@
 
 mod common;
 mod gltf;
+mod ksplat;
 mod mutation;
 mod nrrd;
 mod obj;
@@ -11,5 +12,7 @@ mod ply;
 mod raw;
 mod real_data;
 mod seeds;
+mod sog;
 mod splats;
+mod spz;
 mod vti;

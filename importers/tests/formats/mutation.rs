@@ -120,7 +120,7 @@ macro_rules! mutated {
     };
 }
 
-mutated!(gltf nrrd obj ply raw splats vti);
+mutated!(gltf ksplat nrrd obj ply raw sog splats spz vti);
 
 #[test]
 fn material_libraries() {

@@ -97,3 +97,15 @@ pub(crate) fn obj() -> Vec<Seed> {
     let library = b"newmtl a\nKd 1 0.5 0\nd 0.5\nmap_Kd -clamp on -o 0 0 0 -mm 0 1 a.png\n".to_vec();
     vec![Seed { name: "a.obj", bytes: text.into(), beside: vec![("a.mtl", library), ("a.png", png())] }]
 }
+
+pub(crate) fn spz() -> Vec<Seed> {
+    crate::spz::examples().into_iter().map(|file| alone("a.spz", file)).collect()
+}
+
+pub(crate) fn ksplat() -> Vec<Seed> {
+    vec![alone("a.ksplat", crate::ksplat::example())]
+}
+
+pub(crate) fn sog() -> Vec<Seed> {
+    crate::sog::examples()
+}
