@@ -3,6 +3,7 @@
 use crate::file::File;
 use glam::DVec3;
 use crate::volumes::dicom_data_set::is_dicom;
+use crate::splats::{sog, spz};
 
 /// What a file is read as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,6 +15,9 @@ pub(crate) enum Format {
     Vti,
     Tiff,
     Dicom,
+    Spz,
+    Sog,
+    Ksplat,
     Raw,
 }
 
@@ -35,6 +39,9 @@ impl Format {
             Some("nrrd" | "nhdr") => Self::Nrrd,
             Some("vti") => Self::Vti,
             Some("tif" | "tiff") => Self::Tiff,
+            Some("spz") => Self::Spz,
+            Some("sog") => Self::Sog,
+            Some("ksplat") => Self::Ksplat,
             Some("raw" | "gz") => Self::Raw,
             _ if looks_like_obj(&file.bytes) => Self::Obj,
             _ => Self::Raw,
@@ -45,7 +52,10 @@ impl Format {
     pub(crate) fn of_beginning(bytes: &[u8]) -> Option<Self> {
         let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
         let head = &text[..text.len().min(1024)];
-        if bytes.starts_with(b"glTF") || (head.starts_with(b"{") && contains(text, b"\"asset\"")) {
+        // Both kinds of JSON may have an "asset".
+        if bytes.starts_with(sog::ZIP) || (head.starts_with(b"{") && sog::is_meta(text)) {
+            Some(Self::Sog)
+        } else if bytes.starts_with(b"glTF") || (head.starts_with(b"{") && contains(text, b"\"asset\"")) {
             Some(Self::Gltf)
         } else if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
             Some(Self::Ply)
@@ -57,6 +67,8 @@ impl Format {
             Some(Self::Dicom)
         } else if head.starts_with(b"<") && contains(head, b"<VTKFile") {
             Some(Self::Vti)
+        } else if spz::begins(bytes) {
+            Some(Self::Spz)
         } else {
             None
         }
@@ -79,6 +91,9 @@ impl Format {
             Self::Vti => "VTI",
             Self::Tiff => "TIFF",
             Self::Dicom => "DICOM",
+            Self::Spz => "SPZ",
+            Self::Sog => "SOG",
+            Self::Ksplat => "KSPLAT",
             Self::Raw => "raw",
         }
     }

@@ -12,6 +12,9 @@
 //! | TIFF stacks | volume | [`volumes::tiff`] |
 //! | DICOM, a file of a series or its folder | volume | [`volumes::dicom`] |
 //! | a folder of numbered slices | volume | [`volumes::slices`] |
+//! | SPZ | trained splats | [`splats::spz`] |
+//! | SOG, as zip or `meta.json`; sets of levels | trained splats | [`splats::sog`] |
+//! | KSPLAT | trained splats | [`splats::ksplat`] |
 //! | raw samples, also under gzip | volume | [`volumes::raw`] |
 //!
 //! Nothing a file says is believed before the file's own size was asked: declared sizes are compared with
@@ -43,6 +46,7 @@ use file::File;
 use format::Format;
 use glam::DVec3;
 use meshes::obj;
+use splats::{ksplat, sog, spz};
 use std::path::{Path, PathBuf};
 use volumes::{dicom, nrrd, raw, slices, tiff, vti};
 
@@ -55,7 +59,7 @@ pub struct OpenOptions {
     pub spacing: Option<DVec3>,
     /// A PNG or JPEG for the parts of an OBJ or PLY mesh that have texture coordinates and no texture.
     pub texture: Option<PathBuf>,
-    /// Which of several levels of detail, 0 being the finest, which is the default.
+    /// The level of detail of a file that has several, 0 being the finest and the default; other files don't heed it.
     pub level: Option<u32>,
     /// Bytes that a compressed file may unpack to, at most.
     pub max_memory: u64,
@@ -92,6 +96,9 @@ pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Opened, Imp
         Format::Vti => vti::read(&file, options).map(Opened::from),
         Format::Tiff => tiff::read(&file, options),
         Format::Dicom => dicom::read(&file, options),
+        Format::Spz => spz::read(&file, options),
+        Format::Sog => sog::read(&file, options),
+        Format::Ksplat => ksplat::read(&file),
         Format::Raw => raw::read(&file, options).map(Opened::from),
     }?;
     Ok(Opened { format: format.name(), up: format.up().unwrap_or(opened.up), ..opened })

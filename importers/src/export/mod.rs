@@ -12,6 +12,7 @@
 
 mod nrrd;
 mod samples;
+mod spz;
 mod surfel_ply;
 mod vti;
 

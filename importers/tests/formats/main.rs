@@ -5,6 +5,7 @@
 mod common;
 mod dicom;
 mod gltf;
+mod ksplat;
 mod mutation;
 mod nrrd;
 mod obj;
@@ -16,4 +17,6 @@ mod slices;
 mod splats;
 mod surfels;
 mod tiff;
+mod sog;
+mod spz;
 mod vti;

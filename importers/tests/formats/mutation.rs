@@ -125,7 +125,7 @@ macro_rules! mutated {
     };
 }
 
-mutated!(dicom gltf nrrd obj ply raw splats surfels tiff vti);
+mutated!(dicom gltf ksplat nrrd obj ply raw sog splats spz surfels tiff vti);
 
 #[test]
 fn material_libraries() {

@@ -1,8 +1,9 @@
 //! Files that others wrote. Without `OBLATE_DATA` or `../shared/data` these tests skip, unless
 //! `OBLATE_REQUIRE_DATA=1`.
 
-use crate::common::{mesh, refused, volume};
+use crate::common::{mesh, refused, splats, volume};
 use glam::{DVec3, Vec3};
+use oblate_engine::{Splats, Strength};
 use oblate_importers::{OpenOptions, open};
 use oblate_surfels::{Mesh, Primitive};
 use oblate_volumes::{Volume, Voxels};
@@ -174,4 +175,90 @@ fn binary_gltf() {
         // Its root node scales by a hundredth.
         assert!((duck.primitive_to_mesh.matrix3.x_axis.length() - 0.01).abs() < 1e-6);
     }
+}
+
+fn open_splats(name: &str, level: Option<u32>) -> Option<Splats> {
+    data(name).map(|path| splats(open(path, &OpenOptions { level, ..OpenOptions::default() })))
+}
+
+/// The mean and the standard deviation of numbers.
+fn spread(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
+    let count = values.clone().count() as f64;
+    let mean = values.clone().sum::<f64>() / count;
+    (mean, (values.map(|value| (value - mean).powi(2)).sum::<f64>() / count).sqrt())
+}
+
+fn opacities(splats: &Splats) -> &[f32] {
+    let Strength::Opacity { peaks, .. } = &splats.strength else { panic!("opacities are expected") };
+    peaks
+}
+
+#[test]
+fn biker_stands_as_its_ply_does() {
+    let Some(biker) = open_splats("splats/biker.spz", None) else { return };
+    assert_eq!(biker.centers.len(), 152_746);
+    let low = biker.centers.iter().copied().reduce(Vec3::min).unwrap();
+    let high = biker.centers.iter().copied().reduce(Vec3::max).unwrap();
+    // From biker.compressed.ply, unpacked by hand in double precision; its steps are below a thousandth, those of
+    // .spz 1/4096. y is down: the wheels are at 0.
+    let expected = [Vec3::new(-0.621_256, -3.180_076, -0.532_257), Vec3::new(0.414_404, 0.0, 0.613_281)];
+    assert!(low.abs_diff_eq(expected[0], 1e-3) && high.abs_diff_eq(expected[1], 1e-3), "{low} {high}");
+    let columns = [(-0.048_573, 0.195_885), (-1.605_046, 0.807_815), (0.002_286, 0.297_980)];
+    for (axis, (mean, deviation)) in columns.into_iter().enumerate() {
+        let found = spread(biker.centers.iter().map(|center| f64::from(center[axis])));
+        assert!((found.0 - mean).abs() < 1e-4 && (found.1 - deviation).abs() < 1e-4, "{axis}: {found:?}");
+    }
+    let mean = opacities(&biker).iter().map(|opacity| f64::from(*opacity)).sum::<f64>() / 152_746.0;
+    assert!(mean > 0.2 && mean < 0.95, "{mean}");
+}
+
+#[test]
+fn small_spz() {
+    for name in ["raw", "v2", "v3", "v4"] {
+        let Some(splats) = open_splats(&format!("splats/fixtures/minimal-{name}.spz"), None) else { return };
+        // One at the origin, the others a step of −1 along each axis of the file; z and y turn.
+        let mut centers = splats.centers.clone();
+        centers.sort_by(|a, b| a.to_array().partial_cmp(&b.to_array()).unwrap());
+        assert_eq!(centers.len(), 4, "{name}");
+        assert!(centers.iter().all(|center| center.abs().element_sum().fract() == 0.0), "{name}: {centers:?}");
+        assert!(opacities(&splats).iter().all(|opacity| (opacity - 0.9).abs() < 0.01), "{name}");
+    }
+    let Some(ksplat) = open_splats("splats/fixtures/minimal.ksplat", None) else { return };
+    assert_eq!(ksplat.centers.iter().copied().sum::<Vec3>(), Vec3::NEG_ONE);
+    assert!(ksplat.shapes.factor(0).x_axis.abs_diff_eq(Vec3::new(-0.1, 0.0, 0.0), 1e-6));
+}
+
+#[test]
+fn playbot_in_all_its_levels() {
+    let counts = [500_000, 250_000, 125_000, 31_000, 8406, 3000, 1873];
+    let mut finest = None;
+    for (level, count) in counts.into_iter().enumerate() {
+        let Some(path) = data("splats/playbot/lod-meta.json") else { return };
+        let options = OpenOptions { level: Some(level as u32), ..OpenOptions::default() };
+        let opened = open(path, &options).unwrap();
+        let note = format!("left out: the other 6 of 7 levels of detail; this is {level}");
+        assert_eq!(opened.notes.iter().map(ToString::to_string).collect::<Vec<_>>(), [note]);
+        let whole = splats(Ok(opened));
+        assert_eq!(whole.centers.len(), count);
+        if level > 2 {
+            let alone = open_splats(&format!("splats/playbot/{level}_0/meta.json"), None).unwrap();
+            assert!(alone == whole, "the tree has all of level {level}");
+        }
+        let low = whole.centers.iter().copied().reduce(Vec3::min).unwrap();
+        let high = whole.centers.iter().copied().reduce(Vec3::max).unwrap();
+        let (low_finest, high_finest) = *finest.get_or_insert((low, high));
+        // Some 2 units in size.
+        assert!(low.abs_diff_eq(low_finest, 0.08) && high.abs_diff_eq(high_finest, 0.08), "{level}: {low} {high}");
+        let opaque = opacities(&whole).iter().filter(|opacity| **opacity > 0.1).count();
+        assert!(opaque > count / 3 && opacities(&whole).iter().any(|opacity| *opacity > 0.9), "{opaque} of {count}");
+        // The bounds that lod-meta.json gives, of the splats with their σ, are some wider.
+        assert!(low.min_element() > -1.084 && high.max_element() < 1.043, "{level}: {low} {high}");
+    }
+}
+
+#[test]
+fn levels_that_are_not_there() {
+    let Some(path) = data("splats/playbot/lod-meta.json") else { return };
+    let options = OpenOptions { level: Some(7), ..OpenOptions::default() };
+    refused(open(path, &options), "lod-meta.json", &["no level 7", "there are 7, of which 0 is the finest"]);
 }

@@ -110,3 +110,15 @@ pub(crate) fn dicom() -> Vec<Seed> {
 pub(crate) fn surfels() -> Vec<Seed> {
     vec![alone("a.ply", crate::surfels::example())]
 }
+
+pub(crate) fn spz() -> Vec<Seed> {
+    crate::spz::examples().into_iter().map(|file| alone("a.spz", file)).collect()
+}
+
+pub(crate) fn ksplat() -> Vec<Seed> {
+    vec![alone("a.ksplat", crate::ksplat::example())]
+}
+
+pub(crate) fn sog() -> Vec<Seed> {
+    crate::sog::examples()
+}
