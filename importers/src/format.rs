@@ -8,6 +8,7 @@ pub(crate) enum Format {
     Gltf,
     Obj,
     Ply,
+    Splat,
     Nrrd,
     Vti,
     Raw,
@@ -16,6 +17,8 @@ pub(crate) enum Format {
 impl Format {
     /// By a known beginning; else raw when the caller `says_raw`; else by name; else by whether the text
     /// looks like OBJ, which has no fixed beginning; else raw.
+    ///
+    /// Of a large `file` only the beginning is there.
     pub(crate) fn of(file: &File, says_raw: bool) -> Self {
         if let Some(format) = Self::of_beginning(&file.bytes) {
             return format;
@@ -28,6 +31,7 @@ impl Format {
             Some("gltf" | "glb") => Self::Gltf,
             Some("obj") => Self::Obj,
             Some("ply") => Self::Ply,
+            Some("splat") => Self::Splat,
             Some("nrrd" | "nhdr") => Self::Nrrd,
             Some("vti") => Self::Vti,
             Some("raw" | "gz") => Self::Raw,
@@ -58,6 +62,7 @@ impl Format {
             Self::Gltf => "glTF",
             Self::Obj => "OBJ",
             Self::Ply => "PLY",
+            Self::Splat => ".splat",
             Self::Nrrd => "NRRD",
             Self::Vti => "VTI",
             Self::Raw => "raw",

@@ -6,7 +6,8 @@
 //! |---|---|---|
 //! | glTF 2.0, GLB | mesh | [`gltf`](mod@gltf) |
 //! | OBJ with MTL and textures | mesh | [`meshes::obj`] |
-//! | PLY, ascii and binary | mesh, or trained splats | [`ply`] |
+//! | PLY, ascii and binary | mesh, or trained splats, also packed ones | [`ply`] |
+//! | .splat | trained splats | [`splats::splat`] |
 //! | NRRD, attached and detached | volume | [`volumes::nrrd`] |
 //! | VTI (VTK ImageData) | volume | [`volumes::vti`] |
 //! | raw samples, also under gzip | volume | [`volumes::raw`] |
@@ -20,6 +21,7 @@
 
 mod content;
 mod error;
+pub(crate) mod export;
 mod file;
 mod format;
 pub mod gltf;
@@ -27,17 +29,21 @@ mod inflate;
 pub mod meshes;
 pub mod ply;
 mod scalar;
+mod source;
 pub mod splats;
 pub mod volumes;
+mod watch;
 
 pub use content::{Content, Note, Opened};
 pub use error::{ImportError, Place};
 pub use volumes::raw::{Endian, LayoutError, RawLayout, SampleType, parse_dims};
+pub use watch::Watch;
 
-use file::File;
 use format::Format;
 use glam::DVec3;
 use meshes::obj;
+use source::Source;
+use splats::splat;
 use std::path::{Path, PathBuf};
 use volumes::{nrrd, raw, vti};
 
@@ -52,6 +58,8 @@ pub struct OpenOptions {
     pub texture: Option<PathBuf>,
     /// Bytes that a compressed file may unpack to, at most.
     pub max_memory: u64,
+    /// Is told how far reading has come.
+    pub watch: Option<Watch>,
 }
 
 impl OpenOptions {
@@ -61,7 +69,7 @@ impl OpenOptions {
 
 impl Default for OpenOptions {
     fn default() -> Self {
-        Self { raw: None, spacing: None, texture: None, max_memory: Self::MAX_MEMORY }
+        Self { raw: None, spacing: None, texture: None, max_memory: Self::MAX_MEMORY, watch: None }
     }
 }
 
@@ -71,13 +79,15 @@ impl Default for OpenOptions {
 /// When the file, or one that it names, cannot be read, is malformed or of an unsupported kind; for raw
 /// samples when neither `options` nor the file's name tell their layout.
 pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Opened, ImportError> {
-    let file = File::read(path.as_ref())?;
-    match Format::of(&file, options.raw.is_some()) {
-        Format::Gltf => gltf::read(&file).map(Opened::from),
-        Format::Obj => obj::read(&file, options).map(Opened::from),
-        Format::Ply => ply::read(file, options),
-        Format::Nrrd => nrrd::read(&file, options).map(Opened::from),
-        Format::Vti => vti::read(&file, options).map(Opened::from),
-        Format::Raw => raw::read(&file, options).map(Opened::from),
+    let source = Source::open(path.as_ref(), options.watch.as_ref())?;
+    // Some read a file part by part, which may be large; others have all of it in memory.
+    match Format::of(&source.head, options.raw.is_some()) {
+        Format::Gltf => gltf::read(&source.into_file()?).map(Opened::from),
+        Format::Obj => obj::read(&source.into_file()?, options).map(Opened::from),
+        Format::Ply => ply::read(source, options),
+        Format::Splat => splat::read(&source),
+        Format::Nrrd => nrrd::read(&source.into_file()?, options).map(Opened::from),
+        Format::Vti => vti::read(&source.into_file()?, options).map(Opened::from),
+        Format::Raw => raw::read(&source.into_file()?, options).map(Opened::from),
     }
 }

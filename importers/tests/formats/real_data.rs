@@ -1,7 +1,7 @@
 //! Files that others wrote. Without `OBLATE_DATA` or `../shared/data` these tests skip, unless
 //! `OBLATE_REQUIRE_DATA=1`.
 
-use crate::common::{mesh, refused, volume};
+use crate::common::{mesh, volume};
 use glam::{DVec3, Vec3};
 use oblate_importers::{OpenOptions, open};
 use oblate_surfels::{Mesh, Primitive};
@@ -116,12 +116,6 @@ fn ply_meshes() {
     if let Some(lucy) = only(open_mesh("meshes/lucy.ply")) {
         assert_eq!((lucy.positions.len(), lucy.triangles.len()), (49987, 99970));
     }
-}
-
-#[test]
-fn packed_splats_are_refused_as_such() {
-    let Some(path) = data("splats/biker.compressed.ply") else { return };
-    refused(open(path, &OpenOptions::default()), "biker.compressed.ply", &["packed splats", "plain ones"]);
 }
 
 #[test]
