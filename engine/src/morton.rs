@@ -133,6 +133,7 @@ fn spread(x: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cloud::{Harmonics, Material, OpacityFilter, Surface};
 
     #[test]
     fn bits_are_spread() {
@@ -148,5 +149,67 @@ mod tests {
         assert_eq!(morton_order(&corners), [7, 6, 5, 4, 3, 2, 1, 0]);
         assert_eq!(morton_order(&[Vec3::ONE; 3]), [0, 1, 2]);
         assert!(morton_order(&[]).is_empty());
+    }
+
+    #[test]
+    fn all_arrays_are_put_in_order() {
+        // More than a thread copies at a time, in each number of values a row.
+        let count = 3 * COPIED_TOGETHER + 7;
+        let number = |i: usize| (i * 7919 % count) as f32;
+        let vector = |i: usize| Vec3::new(number(i), 0.0, 0.0);
+        for degree in 0..=3 {
+            let per_splat = Harmonics::count(degree);
+            let surface = Surface {
+                areas: (0..count).map(number).collect(),
+                opacities: Some((0..count).map(number).collect()),
+                depth_tolerance: 1.0,
+                coverage_floor: 0.5,
+                closed: false,
+            };
+            let strengths = [
+                Strength::Surface(surface),
+                Strength::Extinction { masses: (0..count).map(number).collect() },
+                Strength::Opacity { peaks: (0..count).map(number).collect(), filter: OpacityFilter::Classic },
+            ];
+            for strength in strengths {
+                let harmonic = |i: usize| [number(i / per_splat), (i % per_splat) as f32, 1.0];
+                let splats = Splats {
+                    centers: (0..count).map(vector).collect(),
+                    shapes: Shapes::Each(
+                        (0..count).map(|i| Mat3::from_diagonal(vector(i) + Vec3::Y)).collect(),
+                    ),
+                    strength,
+                    colors: (0..count).map(|i| [number(i); 3]).collect(),
+                    harmonics: (degree > 0).then(|| Harmonics {
+                        degree,
+                        coefficients: (0..count * per_splat).map(harmonic).collect(),
+                    }),
+                    normals: Some((0..count).map(vector).collect()),
+                    material: Material::UNLIT,
+                }
+                .in_morton_order();
+                // Along a line the curve is the line.
+                for (i, x) in (0..count).map(|i| (i, i as f32)) {
+                    assert_eq!(splats.centers[i], Vec3::new(x, 0.0, 0.0));
+                    assert_eq!(splats.shapes.factor(i), Mat3::from_diagonal(Vec3::new(x, 1.0, 0.0)));
+                    assert_eq!((splats.colors[i], splats.normals.as_ref().unwrap()[i].x), ([x; 3], x));
+                    let strength = match &splats.strength {
+                        Strength::Extinction { masses: values } | Strength::Opacity { peaks: values, .. } => {
+                            values[i]
+                        }
+                        Strength::Surface(Surface { areas, opacities, .. }) => {
+                            assert_eq!(opacities.as_ref().unwrap()[i], x);
+                            areas[i]
+                        }
+                    };
+                    assert_eq!(strength, x);
+                    let coefficients =
+                        splats.harmonics.iter().flat_map(|h| &h.coefficients[i * per_splat..][..per_splat]);
+                    for (number, coefficient) in coefficients.enumerate() {
+                        assert_eq!(*coefficient, [x, number as f32, 1.0]);
+                    }
+                }
+            }
+        }
     }
 }

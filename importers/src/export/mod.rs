@@ -4,6 +4,10 @@ pub(crate) mod gaussian_ply;
 pub(crate) mod records;
 pub(crate) mod splat;
 
+#[cfg(test)]
+#[expect(clippy::unwrap_used, reason = "tests may panic")]
+mod tests;
+
 use thiserror::Error;
 
 /// Why content is not written.

@@ -120,7 +120,7 @@ macro_rules! mutated {
     };
 }
 
-mutated!(gltf nrrd obj ply raw splats vti);
+mutated!(gltf nrrd obj packed ply raw splat splats vti);
 
 #[test]
 fn material_libraries() {
