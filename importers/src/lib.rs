@@ -6,7 +6,8 @@
 //! |---|---|---|
 //! | glTF 2.0, GLB | mesh | [`gltf`](mod@gltf) |
 //! | OBJ with MTL and textures | mesh | [`meshes::obj`] |
-//! | PLY, ascii and binary | mesh, or trained splats | [`ply`] |
+//! | PLY, ascii and binary | mesh, or trained splats, also packed ones | [`ply`] |
+//! | .splat | trained splats | [`splats::splat`] |
 //! | NRRD, attached and detached | volume | [`volumes::nrrd`] |
 //! | VTI (VTK ImageData) | volume | [`volumes::vti`] |
 //! | TIFF stacks | volume | [`volumes::tiff`] |
@@ -34,21 +35,21 @@ mod inflate;
 pub mod meshes;
 pub mod ply;
 mod scalar;
+mod source;
 pub mod splats;
 pub mod volumes;
+mod watch;
 
 pub use content::{Content, Note, Opened};
 pub use error::{ImportError, Place};
 pub use export::ExportError;
 pub use volumes::raw::{Endian, LayoutError, RawLayout, SampleType, parse_dims};
+pub use watch::Watch;
 
-use file::File;
-use format::Format;
 use glam::DVec3;
-use meshes::obj;
-use splats::{ksplat, sog, spz};
+use source::Source;
 use std::path::{Path, PathBuf};
-use volumes::{dicom, nrrd, raw, slices, tiff, vti};
+use volumes::slices;
 
 /// What a caller knows that a file may not say.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,6 +64,8 @@ pub struct OpenOptions {
     pub level: Option<u32>,
     /// Bytes that a compressed file may unpack to, at most.
     pub max_memory: u64,
+    /// Is told how far reading has come.
+    pub watch: Option<Watch>,
 }
 
 impl OpenOptions {
@@ -72,7 +75,8 @@ impl OpenOptions {
 
 impl Default for OpenOptions {
     fn default() -> Self {
-        Self { raw: None, spacing: None, texture: None, level: None, max_memory: Self::MAX_MEMORY }
+        let max_memory = Self::MAX_MEMORY;
+        Self { raw: None, spacing: None, texture: None, level: None, max_memory, watch: None }
     }
 }
 
@@ -82,24 +86,12 @@ impl Default for OpenOptions {
 /// When the file, or one that it names, cannot be read, is malformed or of an unsupported kind; for raw
 /// samples when neither `options` nor the file's name tell their layout.
 pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Opened, ImportError> {
-    if path.as_ref().is_dir() {
-        let opened = slices::read(path.as_ref(), options)?;
-        return Ok(Opened { format: "slices", ..opened });
+    let path = path.as_ref();
+    if path.is_dir() {
+        return Ok(Opened { format: "slices", ..slices::read(path, options)? });
     }
-    let file = File::read(path.as_ref())?;
-    let format = Format::of(&file, options.raw.is_some());
-    let opened = match format {
-        Format::Gltf => gltf::read(&file).map(Opened::from),
-        Format::Obj => obj::read(&file, options).map(Opened::from),
-        Format::Ply => ply::read(file, options),
-        Format::Nrrd => nrrd::read(&file, options).map(Opened::from),
-        Format::Vti => vti::read(&file, options).map(Opened::from),
-        Format::Tiff => tiff::read(&file, options),
-        Format::Dicom => dicom::read(&file, options),
-        Format::Spz => spz::read(&file, options),
-        Format::Sog => sog::read(&file, options),
-        Format::Ksplat => ksplat::read(&file),
-        Format::Raw => raw::read(&file, options).map(Opened::from),
-    }?;
-    Ok(Opened { format: format.name(), up: format.up().unwrap_or(opened.up), ..opened })
+    let source = Source::open(path, options.watch.as_ref())?;
+    let format = format::of(&source.head, options.raw.is_some());
+    let opened = (format.read)(source, options)?;
+    Ok(Opened { format: format.name, up: format.up.unwrap_or(opened.up), ..opened })
 }

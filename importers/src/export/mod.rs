@@ -10,8 +10,11 @@
 //! what shines through between them is below 3 %. Kernels with extinctions don't: their opacity differs from side
 //! to side.
 
+mod gaussian_ply;
 mod nrrd;
+mod records;
 mod samples;
+mod splat;
 mod spz;
 mod surfel_ply;
 mod vti;
@@ -114,7 +117,10 @@ pub fn save(content: &Content, target: Target, out: &mut dyn Write) -> Result<Ve
         _ if target.holds_volumes() => {
             Err(ExportError::Unsuited(format!("{} holds volumes; this is none", target.name())))
         }
-        _ => Err(ExportError::Unsuited(format!("{} holds splats; make surfels or kernels first", target.name()))),
+        _ => Err(ExportError::Unsuited(format!(
+            "{} holds splats; make surfels or kernels first",
+            target.name()
+        ))),
     }
 }
 
@@ -144,9 +150,9 @@ fn save_splats(
     };
     let notes = match target {
         Target::GaussianPly => gaussian_ply::write(&gaussians, blend, out),
-        Target::Splat => splat::write(&gaussians, blend, out),
+        Target::Splat => splat::write(&gaussians, out),
         Target::Spz => spz::write(&gaussians, blend, out),
-        _ => gltf::write(&gaussians, blend, out),
+        _ => Err(ExportError::Unsuited("glb is not written yet".into())),
     }?;
     Ok(assumed.into_iter().chain(notes).collect())
 }

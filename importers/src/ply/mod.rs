@@ -36,27 +36,32 @@
 mod body;
 mod header;
 mod mesh;
+mod mode;
+mod packed;
+mod seen;
 mod splats;
 pub(crate) mod surfels;
+mod table;
 
-use crate::file::File;
-use crate::{ImportError, OpenOptions, Opened, Place};
+use crate::source::Source;
+use crate::{ImportError, OpenOptions, Opened};
 use header::Header;
+pub(crate) use splats::CONSTANT_HARMONIC;
 
-/// Reads a mesh or splats. The file is given up as soon as it can be: it may be large.
-pub(crate) fn read(file: File, options: &OpenOptions) -> Result<Opened, ImportError> {
-    let header = Header::parse(&file)?;
+/// Reads a mesh or splats.
+pub(crate) fn read(source: Source, options: &OpenOptions) -> Result<Opened, ImportError> {
+    let header = Header::parse(&source.head)?;
     let has_faces = header.element("face").is_some_and(|faces| faces.rows > 0);
     let vertex = header.element("vertex").filter(|_| !has_faces);
     let has = |name: &&str| vertex.is_some_and(|vertex| vertex.kind(name).is_some());
     if surfels::is_ours(&header) {
-        surfels::read(&file, &header)
-    } else if has(&"packed_position") {
-        let feature = "packed splats (.compressed.ply) are not supported; plain ones are";
-        Err(file.unsupported(Place::Whole, feature))
-    } else if ["f_dc_0", "scale_0", "rot_0"].iter().any(has) {
-        splats::read(&file, &header)
-    } else {
-        mesh::read(&file, &header, options).map(Opened::from)
+        return surfels::read(&source.into_file()?, &header);
+    }
+    match vertex {
+        Some(vertex) if has(&"packed_position") => packed::read(&source, &header, vertex, options),
+        Some(vertex) if ["f_dc_0", "scale_0", "rot_0"].iter().any(has) => {
+            splats::read(source, &header, vertex)
+        }
+        _ => mesh::read(&source.into_file()?, &header, options).map(Opened::from),
     }
 }

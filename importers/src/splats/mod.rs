@@ -19,10 +19,9 @@ mod gather;
 pub mod ksplat;
 pub(crate) mod packed;
 pub mod sog;
+pub mod splat;
 pub mod spz;
 mod trained;
 
-#[expect(unused_imports, reason = "for formats to come")]
-pub(crate) use gather::Sink;
-pub(crate) use gather::{ROWS, Training, gather};
-pub(crate) use trained::{Trained, log_scale, trained};
+pub(crate) use gather::{ROWS, Sink, Training, gather};
+pub(crate) use trained::{LARGEST_LOG_SCALE, Trained, log_scale, trained};

@@ -4,7 +4,7 @@
 //! `CThead_256x256x113_uint16be.raw.gz`; without a byte order little-endian is meant.
 
 use crate::file::File;
-use crate::format::Format;
+use crate::format;
 use crate::inflate;
 use crate::scalar::Scalar;
 use crate::volumes::voxels::Layout;
@@ -184,9 +184,9 @@ pub(crate) fn layout(file: &File, options: &OpenOptions) -> Result<RawLayout, Im
 pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportError> {
     let gzipped = file.bytes.starts_with(&[0x1f, 0x8b]);
     if gzipped && options.raw.is_none() {
-        let inside = Format::of_beginning(&inflate::gzip_beginning(&file.bytes, 1024));
+        let inside = format::of_beginning(&inflate::gzip_beginning(&file.bytes, 1024));
         if let Some(format) = inside {
-            let feature = format!("{} under gzip is not supported; unpack it first", format.name());
+            let feature = format!("{} under gzip is not supported; unpack it first", format.name);
             return Err(file.unsupported(Place::Whole, feature));
         }
     }

@@ -11,7 +11,7 @@
 //! the caller says otherwise.
 
 use crate::file::File;
-use crate::format::Format;
+use crate::format;
 use crate::inflate;
 use crate::volumes::slice::{self, Slice};
 use crate::volumes::voxels::Layout;
@@ -211,10 +211,10 @@ fn read_slice(file: &File, count: usize, options: &OpenOptions) -> Result<Slice,
     if let Some(slice) = slice::read(file, options.max_memory)? {
         return Ok(slice);
     }
-    if let Some(format) = Format::of_beginning(&file.bytes) {
+    if let Some(format) = format::of_beginning(&file.bytes) {
         let feature = format!(
             "{}, which is no slice; a folder is read as numbered slices (PNG, JPEG, PGM, TIFF, DICOM or raw)",
-            format.name()
+            format.name
         );
         return Err(file.unsupported(Place::Whole, feature));
     }

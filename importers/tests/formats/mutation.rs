@@ -125,7 +125,7 @@ macro_rules! mutated {
     };
 }
 
-mutated!(dicom gltf ksplat nrrd obj ply raw sog splats spz surfels tiff vti);
+mutated!(dicom gltf ksplat nrrd obj packed ply raw sog splat splats spz surfels tiff vti);
 
 #[test]
 fn material_libraries() {

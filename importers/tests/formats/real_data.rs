@@ -3,8 +3,9 @@
 
 use crate::common::{mesh, refused, splats, volume};
 use glam::{DVec3, Vec3};
-use oblate_engine::{Splats, Strength};
-use oblate_importers::{OpenOptions, open};
+use oblate_engine::color::linear_to_srgb;
+use oblate_engine::{Blend, OpacityFilter, Splats, Strength};
+use oblate_importers::{Content, OpenOptions, open};
 use oblate_surfels::{Mesh, Primitive};
 use oblate_volumes::{Volume, Voxels};
 use std::path::PathBuf;
@@ -120,12 +121,6 @@ fn ply_meshes() {
 }
 
 #[test]
-fn packed_splats_are_refused_as_such() {
-    let Some(path) = data("splats/biker.compressed.ply") else { return };
-    refused(open(path, &OpenOptions::default()), "biker.compressed.ply", &["packed splats", "plain ones"]);
-}
-
-#[test]
 fn obj_meshes() {
     if let Some(armadillo) = only(open_mesh("meshes/armadillo.obj")) {
         assert_eq!((armadillo.positions.len(), armadillo.triangles.len()), (43243, 86482));
@@ -220,7 +215,10 @@ fn small_spz() {
         let mut centers = splats.centers.clone();
         centers.sort_by(|a, b| a.to_array().partial_cmp(&b.to_array()).unwrap());
         assert_eq!(centers.len(), 4, "{name}");
-        assert!(centers.iter().all(|center| center.abs().element_sum().fract() == 0.0), "{name}: {centers:?}");
+        assert!(
+            centers.iter().all(|center| center.abs().element_sum().fract() == 0.0),
+            "{name}: {centers:?}"
+        );
         assert!(opacities(&splats).iter().all(|opacity| (opacity - 0.9).abs() < 0.01), "{name}");
     }
     let Some(ksplat) = open_splats("splats/fixtures/minimal.ksplat", None) else { return };
@@ -248,9 +246,15 @@ fn playbot_in_all_its_levels() {
         let high = whole.centers.iter().copied().reduce(Vec3::max).unwrap();
         let (low_finest, high_finest) = *finest.get_or_insert((low, high));
         // Some 2 units in size.
-        assert!(low.abs_diff_eq(low_finest, 0.08) && high.abs_diff_eq(high_finest, 0.08), "{level}: {low} {high}");
+        assert!(
+            low.abs_diff_eq(low_finest, 0.08) && high.abs_diff_eq(high_finest, 0.08),
+            "{level}: {low} {high}"
+        );
         let opaque = opacities(&whole).iter().filter(|opacity| **opacity > 0.1).count();
-        assert!(opaque > count / 3 && opacities(&whole).iter().any(|opacity| *opacity > 0.9), "{opaque} of {count}");
+        assert!(
+            opaque > count / 3 && opacities(&whole).iter().any(|opacity| *opacity > 0.9),
+            "{opaque} of {count}"
+        );
         // The bounds that lod-meta.json gives, of the splats with their σ, are some wider.
         assert!(low.min_element() > -1.084 && high.max_element() < 1.043, "{level}: {low} {high}");
     }
@@ -261,4 +265,50 @@ fn levels_that_are_not_there() {
     let Some(path) = data("splats/playbot/lod-meta.json") else { return };
     let options = OpenOptions { level: Some(7), ..OpenOptions::default() };
     refused(open(path, &options), "lod-meta.json", &["no level 7", "there are 7, of which 0 is the finest"]);
+}
+
+#[test]
+fn packed_splats() {
+    let Some(path) = data("splats/biker.compressed.ply") else { return };
+    let opened = open(path, &OpenOptions::default()).unwrap();
+    assert_eq!(opened.notes, []);
+    let Content::Splats { splats, blend: Blend::Display } = opened.content else {
+        panic!("splats are expected")
+    };
+    let count = 152_746;
+    assert_eq!(splats.centers.len(), count);
+    assert!(splats.harmonics.is_none());
+    let Strength::Opacity { peaks, filter: OpacityFilter::Classic } = &splats.strength else {
+        panic!("opacities are expected")
+    };
+    let fold = |f: fn(Vec3, Vec3) -> Vec3| splats.centers.iter().copied().reduce(f).unwrap();
+    let (low, high) = (fold(Vec3::min), fold(Vec3::max));
+    // Computed from the file's bytes by a program that shares nothing with the reader; y points down.
+    let close = |found: Vec3, x: f32, y: f32, z: f32| found.abs_diff_eq(Vec3::new(x, y, z), 1e-5);
+    assert!(close(low, -0.621_256, -3.180_076, -0.532_257), "{low}");
+    assert!(close(high, 0.414_404, 0.0, 0.613_281), "{high}");
+    let mean =
+        |value: &dyn Fn(usize) -> f32| (0..count).map(|i| f64::from(value(i))).sum::<f64>() / count as f64;
+    let center = Vec3::from([0, 1, 2].map(|axis| mean(&|i| splats.centers[i][axis]) as f32));
+    assert!(close(center, -0.048_573, -1.605_046, 0.002_286), "{center}");
+    let sigma =
+        Vec3::from([0, 1, 2].map(|axis| mean(&|i| splats.shapes.factor(i).col(axis).length()) as f32));
+    assert!(close(sigma, 0.005_239, 0.010_744, 0.005_766), "{sigma}");
+    let (peak, red) = (mean(&|i| peaks[i]), mean(&|i| linear_to_srgb(splats.colors[i][0])));
+    assert!((peak - 0.296_625).abs() < 1e-5 && (red - 0.318_888).abs() < 1e-5, "{peak} {red}");
+}
+
+#[test]
+fn splats_of_a_grid() {
+    let Some(path) = data("splats/fixtures/minimal.splat") else { return };
+    let splats = splats(open(path, &OpenOptions::default()));
+    // As a hex dump shows them: a square of σ = 0.1 in y = 0.
+    let corners = [[-1.0, 0.0, -1.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]];
+    assert_eq!(splats.centers, corners.map(Vec3::from));
+    for index in 0..4 {
+        let factor = splats.shapes.factor(index);
+        assert!(factor.abs_diff_eq(glam::Mat3::from_diagonal(Vec3::splat(0.1)), 1e-7), "{factor}");
+    }
+    let Strength::Opacity { peaks, .. } = &splats.strength else { panic!("opacities are expected") };
+    assert_eq!(peaks[..], [230.0 / 255.0; 4]);
 }

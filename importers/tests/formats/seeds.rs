@@ -84,6 +84,14 @@ pub(crate) fn splats() -> Vec<Seed> {
     encodings.map(|encoding| alone("a.ply", crate::splats::example(encoding))).into()
 }
 
+pub(crate) fn packed() -> Vec<Seed> {
+    vec![alone("a.compressed.ply", crate::packed::example())]
+}
+
+pub(crate) fn splat() -> Vec<Seed> {
+    vec![alone("a.splat", crate::splat::example())]
+}
+
 pub(crate) fn gltf() -> Vec<Seed> {
     vec![
         alone("a.glb", crate::gltf::example_glb()),
