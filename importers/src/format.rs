@@ -50,10 +50,11 @@ impl Format {
             Some(Self::Ply)
         } else if bytes.starts_with(b"NRRD0") {
             Some(Self::Nrrd)
+        } else if is_dicom(bytes) {
+            // Before TIFF: its preamble may be the beginning of one, for programs that know no DICOM.
+            Some(Self::Dicom)
         } else if is_tiff(bytes) {
             Some(Self::Tiff)
-        } else if is_dicom(bytes) {
-            Some(Self::Dicom)
         } else if head.starts_with(b"<") && contains(head, b"<VTKFile") {
             Some(Self::Vti)
         } else {
