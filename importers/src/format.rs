@@ -63,10 +63,11 @@ static FORMATS: &[Format] = &[
     .beginning(|bytes| bytes.starts_with(b"NRRD0")),
     Format::new("VTI", &["vti"], |source, options| Ok(vti::read(&source.into_file()?, options)?.into()))
         .beginning(|bytes| text(bytes).starts_with(b"<") && contains(start(text(bytes)), b"<VTKFile")),
-    Format::new("TIFF", &["tif", "tiff"], |source, options| tiff::read(&source.into_file()?, options))
-        .beginning(|bytes| TIFF.iter().any(|beginning| bytes.starts_with(*beginning))),
     Format::new("DICOM", &["dcm"], |source, options| dicom::read(&source.into_file()?, options))
         .beginning(dicom_data_set::is_dicom),
+    // After DICOM, whose preamble may be a TIFF's beginning.
+    Format::new("TIFF", &["tif", "tiff"], |source, options| tiff::read(&source.into_file()?, options))
+        .beginning(|bytes| TIFF.iter().any(|beginning| bytes.starts_with(*beginning))),
 ];
 
 static RAW: Format =

@@ -259,8 +259,7 @@ impl<'a> Columns<'a> {
 
     fn splats(mut self, element: &Element, description: Description) -> Result<Opened, ImportError> {
         let centers = self.vectors(CENTER)?;
-        let factors: Vec<Mat3> =
-            self.rows(FACTOR)?.iter().map(|columns| Mat3::from_cols_array(columns)).collect();
+        let factors: Vec<Mat3> = self.rows(FACTOR)?.iter().map(Mat3::from_cols_array).collect();
         let shapes = match (description.shared, factors[0]) {
             (false, _) => Shapes::Each(factors),
             (true, first) => match factors.iter().position(|factor| *factor != first) {

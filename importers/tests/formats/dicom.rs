@@ -186,6 +186,10 @@ fn a_folder_and_a_file_of_it_are_the_series() {
     let frame = of_folder.frame();
     assert_eq!((frame.spacing, frame.origin), (DVec3::new(0.5, 2.0, 3.0), DVec3::new(-10.0, 20.0, 0.0)));
     assert_eq!(frame.direction, DMat3::IDENTITY);
+    // The preamble may be that of a TIFF.
+    let mut both_formats = Slice::of_corner_marked(0).file();
+    both_formats[..4].copy_from_slice(b"II*\0");
+    assert_eq!(Folder::new().volume("a", both_formats).frame().spacing, DVec3::new(0.5, 2.0, 1.0));
     // Of another series, of no image, and of no DICOM.
     let other = Slice::of_corner_marked(0).with(text(0x0020_000e, "UI", "1.2.4"));
     folder.write("other", other.file());

@@ -1,13 +1,14 @@
 //! Files that others wrote. Without `OBLATE_DATA` or `../shared/data` these tests skip, unless
 //! `OBLATE_REQUIRE_DATA=1`.
 
-use crate::common::{mesh, refused, splats, volume};
+use crate::common::{Folder, mesh, refused, splats, volume};
 use glam::{DVec3, Vec3};
 use oblate_engine::color::linear_to_srgb;
 use oblate_engine::{Blend, OpacityFilter, Splats, Strength};
-use oblate_importers::{Content, OpenOptions, open};
+use oblate_importers::{Content, Endian, OpenOptions, RawLayout, SampleType, open};
 use oblate_surfels::{Mesh, Primitive};
 use oblate_volumes::{Volume, Voxels};
+use std::io::Read;
 use std::path::PathBuf;
 
 fn data(name: &str) -> Option<PathBuf> {
@@ -76,6 +77,22 @@ fn head_is_big_endian() {
     assert!(matches!(head.voxels(), Voxels::U16(_)));
     assert_eq!(range(&head), (0.0, 3272.0));
     assert_eq!(head.frame().spacing, spacing);
+}
+
+/// As the data set is handed out: 113 files of one slice.
+#[test]
+fn head_in_slices_is_the_same() {
+    let Some(path) = data("volumes/CThead_256x256x113_uint16be.raw.gz") else { return };
+    let head = volume(open(&path, &OpenOptions::default()));
+    let folder = Folder::new();
+    let mut bytes = Vec::new();
+    flate2::read::GzDecoder::new(&std::fs::read(path).unwrap()[..]).read_to_end(&mut bytes).unwrap();
+    for (index, slice) in bytes.chunks(2 * 256 * 256).enumerate() {
+        folder.write(&format!("CThead.{}", index + 1), slice);
+    }
+    let layout = RawLayout { dims: [256, 256, 1], sample_type: SampleType::U16, endian: Endian::Big };
+    let options = OpenOptions { raw: Some(layout), ..OpenOptions::default() };
+    assert!(volume(open(folder.path(), &options)) == head, "voxels and frame should be equal");
 }
 
 #[test]
