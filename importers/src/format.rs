@@ -1,6 +1,8 @@
 //! Telling formats apart.
 
 use crate::file::File;
+use crate::inflate;
+use crate::volumes::{nifti, vtk};
 
 /// What a file is read as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -9,7 +11,10 @@ pub(crate) enum Format {
     Obj,
     Ply,
     Nrrd,
-    Vti,
+    MetaImage,
+    Nifti,
+    VtkXml,
+    VtkLegacy,
     Raw,
 }
 
@@ -23,13 +28,21 @@ impl Format {
         if says_raw {
             return Self::Raw;
         }
+        if file.bytes.starts_with(&inflate::GZIP)
+            && nifti::begins(&inflate::gzip_beginning(&file.bytes, nifti::HEADER))
+        {
+            return Self::Nifti;
+        }
         let extension = file.path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
         match extension.as_deref() {
             Some("gltf" | "glb") => Self::Gltf,
             Some("obj") => Self::Obj,
             Some("ply") => Self::Ply,
             Some("nrrd" | "nhdr") => Self::Nrrd,
-            Some("vti") => Self::Vti,
+            Some("mhd" | "mha") => Self::MetaImage,
+            Some("nii" | "hdr") => Self::Nifti,
+            Some("vti" | "vtr") => Self::VtkXml,
+            Some("vtk") => Self::VtkLegacy,
             Some("raw" | "gz") => Self::Raw,
             _ if looks_like_obj(&file.bytes) => Self::Obj,
             _ => Self::Raw,
@@ -47,7 +60,15 @@ impl Format {
         } else if bytes.starts_with(b"NRRD0") {
             Some(Self::Nrrd)
         } else if head.starts_with(b"<") && contains(head, b"<VTKFile") {
-            Some(Self::Vti)
+            Some(Self::VtkXml)
+        } else if bytes.starts_with(vtk::legacy::MAGIC) {
+            Some(Self::VtkLegacy)
+        } else if nifti::begins(bytes) {
+            Some(Self::Nifti)
+        } else if ["ObjectType", "NDims", "Comment"].iter().any(|word| head.starts_with(word.as_bytes()))
+            && contains(head, b"NDims")
+        {
+            Some(Self::MetaImage)
         } else {
             None
         }
@@ -59,7 +80,9 @@ impl Format {
             Self::Obj => "OBJ",
             Self::Ply => "PLY",
             Self::Nrrd => "NRRD",
-            Self::Vti => "VTI",
+            Self::MetaImage => "MetaImage",
+            Self::Nifti => "NIfTI",
+            Self::VtkXml | Self::VtkLegacy => "VTK",
             Self::Raw => "raw",
         }
     }

@@ -3,6 +3,9 @@
 use flate2::read::{MultiGzDecoder, ZlibDecoder};
 use std::io::Read;
 
+/// How gzip files begin.
+pub(crate) const GZIP: [u8; 2] = [0x1f, 0x8b];
+
 /// A deflate stream holds at most this many bytes for each of its own: 258 for two bits.
 const DEFLATE_LIMIT: usize = 1032;
 
@@ -25,7 +28,6 @@ pub(crate) fn gzip_beginning(compressed: &[u8], limit: usize) -> Vec<u8> {
 }
 
 /// All of a gzip file, if it unpacks to no more than `limit` bytes.
-#[expect(dead_code, reason = "formats whose size only the unpacked bytes tell come next")]
 pub(crate) fn gunzip_all(compressed: &[u8], limit: u64) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::new();
     let unpacked = MultiGzDecoder::new(compressed).take(limit.saturating_add(1)).read_to_end(&mut bytes);
@@ -41,12 +43,22 @@ pub(crate) fn over_limit(limit: u64) -> String {
     format!("the compressed data unpack to more than {limit} bytes, which is the limit that is set")
 }
 
-fn exactly(reader: impl Read, compressed: usize, expected: usize) -> Result<Vec<u8>, String> {
+/// That `expected` bytes are no more than the `limit` of what compressed files may unpack to.
+pub(crate) fn within(expected: usize, limit: u64) -> Result<(), String> {
+    if expected as u64 > limit { Err(over_limit(limit)) } else { Ok(()) }
+}
+
+/// That `compressed` bytes of deflate can be `expected` bytes at all.
+pub(crate) fn can_hold(compressed: usize, expected: usize) -> Result<(), String> {
     if expected / DEFLATE_LIMIT > compressed {
-        return Err(format!(
-            "{compressed} compressed bytes cannot hold the {expected} bytes that are expected"
-        ));
+        Err(format!("{compressed} compressed bytes cannot hold the {expected} bytes that are expected"))
+    } else {
+        Ok(())
     }
+}
+
+fn exactly(reader: impl Read, compressed: usize, expected: usize) -> Result<Vec<u8>, String> {
+    can_hold(compressed, expected)?;
     let mut bytes = Vec::new();
     if let Err(error) = reader.take(expected as u64 + 1).read_to_end(&mut bytes) {
         return Err(format!(

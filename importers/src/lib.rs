@@ -8,7 +8,10 @@
 //! | OBJ with MTL and textures | mesh | [`meshes::obj`] |
 //! | PLY, ascii and binary | mesh, or trained splats | [`ply`] |
 //! | NRRD, attached and detached | volume | [`volumes::nrrd`] |
-//! | VTI (VTK ImageData) | volume | [`volumes::vti`] |
+//! | MetaImage, `.mha` and `.mhd` | volume | [`volumes::meta_image`] |
+//! | NIfTI-1 and -2, also under gzip, and pairs | volume | [`volumes::nifti`] |
+//! | VTI and VTR (VTK ImageData, RectilinearGrid) | volume | [`volumes::vtk::xml`] |
+//! | legacy VTK | volume | [`volumes::vtk::legacy`] |
 //! | raw samples, also under gzip | volume | [`volumes::raw`] |
 //!
 //! Nothing a file says is believed before the file's own size was asked: declared sizes are compared with
@@ -39,7 +42,7 @@ use format::Format;
 use glam::DVec3;
 use meshes::obj;
 use std::path::{Path, PathBuf};
-use volumes::{nrrd, raw, vti};
+use volumes::{meta_image, nifti, nrrd, raw, vtk};
 
 /// What a caller knows that a file may not say.
 #[derive(Clone, Debug, PartialEq)]
@@ -77,7 +80,10 @@ pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Opened, Imp
         Format::Obj => obj::read(&file, options).map(Opened::from),
         Format::Ply => ply::read(file, options),
         Format::Nrrd => nrrd::read(&file, options).map(Opened::from),
-        Format::Vti => vti::read(&file, options).map(Opened::from),
+        Format::MetaImage => meta_image::read(&file, options),
+        Format::Nifti => nifti::read(&file, options),
+        Format::VtkXml => vtk::xml::read(&file, options).map(Opened::from),
+        Format::VtkLegacy => vtk::legacy::read(&file, options).map(Opened::from),
         Format::Raw => raw::read(&file, options).map(Opened::from),
     }
 }

@@ -1,7 +1,9 @@
 //! Files to volumes.
 
+pub(crate) mod frame;
+pub mod meta_image;
+pub mod nifti;
 pub mod nrrd;
 pub mod raw;
 pub(crate) mod voxels;
-pub mod vti;
-mod vti_array;
+pub mod vtk;

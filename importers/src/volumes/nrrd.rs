@@ -9,6 +9,7 @@ use crate::Endian;
 use crate::file::File;
 use crate::inflate;
 use crate::scalar::Scalar;
+use crate::volumes::frame;
 use crate::volumes::voxels::Layout;
 use crate::{ImportError, OpenOptions, Place};
 use glam::{DMat3, DVec3};
@@ -30,8 +31,8 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportE
     let sizes: Vec<usize> = header.list(file, "sizes")?;
     let dims = axes.map(|axis| sizes[axis]);
     let layout = Layout { dims, scalar: scalar(file, &header)?, endian: endian(file, &header)? };
-    let frame = frame(file, &header, axes, dims)?;
-    let bytes = samples(file, &header, &layout)?;
+    let frame = grid_frame(file, &header, axes, dims)?;
+    let bytes = samples(file, &header, &layout, options.max_memory)?;
     layout.volume(file, &bytes, frame, options)
 }
 
@@ -202,7 +203,12 @@ fn vectors(file: &File, place: Place, text: &str) -> Result<Vec<Option<DVec3>>, 
     Ok(found)
 }
 
-fn frame(file: &File, header: &Header, axes: [usize; 3], dims: [usize; 3]) -> Result<GridFrame, ImportError> {
+fn grid_frame(
+    file: &File,
+    header: &Header,
+    axes: [usize; 3],
+    dims: [usize; 3],
+) -> Result<GridFrame, ImportError> {
     let mut frame = GridFrame::default();
     let (_, dimension) = header.required(file, "dimension")?;
     let count = if dimension == "4" { 4 } else { 3 };
@@ -219,9 +225,7 @@ fn frame(file: &File, header: &Header, axes: [usize; 3], dims: [usize; 3]) -> Re
             return Err(file.malformed(place, problem));
         };
         let edges = DMat3::from_cols(x, y, z);
-        frame.spacing = DVec3::new(x.length(), y.length(), z.length());
-        frame.direction = edges * DMat3::from_diagonal(frame.spacing.recip());
-        return Ok(frame);
+        return Ok(frame::of_edges(frame.origin, edges));
     }
     let cell_centred = matches!(header.get(&["centers", "centerings"]), Some((_, c)) if c.contains("cell"));
     let mins = header.per_axis(file, "axismins", count)?;
@@ -250,7 +254,7 @@ fn pick(vectors: &[Option<DVec3>], axes: [usize; 3], count: usize) -> Option<[DV
 }
 
 /// The bytes of the samples, from this file or the one that it names.
-fn samples(file: &File, header: &Header, layout: &Layout) -> Result<Vec<u8>, ImportError> {
+fn samples(file: &File, header: &Header, layout: &Layout, limit: u64) -> Result<Vec<u8>, ImportError> {
     let expected = layout.bytes(file)?;
     let detached = match header.get(&["datafile"]) {
         Some((place, name)) if name.starts_with("LIST") || name.contains('%') => {
@@ -281,8 +285,8 @@ fn samples(file: &File, header: &Header, layout: &Layout) -> Result<Vec<u8>, Imp
             // Bytes are skipped after decompression.
             let skipped = skipped_bytes(file, header)?.filter(|&skip| skip > 0).unwrap_or(0) as usize;
             let total = expected.saturating_add(skipped);
-            let bytes =
-                inflate::gunzip(body, total).map_err(|problem| source.malformed(Place::Whole, problem))?;
+            let bytes = inflate::within(total, limit).and_then(|()| inflate::gunzip(body, total));
+            let bytes = bytes.map_err(|problem| source.malformed(Place::Whole, problem))?;
             Ok(skip_bytes(file, header, Cow::Owned(bytes), expected)?.into_owned())
         }
         "ascii" | "text" | "txt" => {

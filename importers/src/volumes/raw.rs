@@ -192,6 +192,8 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportE
         )
     };
     if gzipped {
+        inflate::within(expected, options.max_memory)
+            .map_err(|problem| file.malformed(Place::Whole, problem))?;
         let bytes = inflate::gunzip(&file.bytes, expected).map_err(wrong)?;
         layout.volume(file, &bytes, GridFrame::default(), options)
     } else if file.bytes.len() != expected {

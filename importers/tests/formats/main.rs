@@ -4,7 +4,9 @@
 
 mod common;
 mod gltf;
+mod meta_image;
 mod mutation;
+mod nifti;
 mod nrrd;
 mod obj;
 mod ply;
@@ -13,3 +15,4 @@ mod real_data;
 mod seeds;
 mod splats;
 mod vti;
+mod vtk;

@@ -120,7 +120,7 @@ macro_rules! mutated {
     };
 }
 
-mutated!(gltf nrrd obj ply raw splats vti);
+mutated!(gltf meta_image nifti nrrd obj ply raw splats vti vtk);
 
 #[test]
 fn material_libraries() {
