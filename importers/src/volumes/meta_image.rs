@@ -23,6 +23,9 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::str::FromStr;
 
+/// Bytes of a header line, at most.
+const LINE: usize = 4096;
+
 /// The fields of a header by name (lower case), each with its line.
 struct Header<'a> {
     file: &'a File,
@@ -57,8 +60,10 @@ impl<'a> Header<'a> {
         for (index, line) in file.bytes.split_inclusive(|&b| b == b'\n').enumerate() {
             header.body += line.len();
             let number = index + 1;
-            let Ok(text) = str::from_utf8(line) else {
-                return Err(file.malformed(Place::Line(number), "a header line must be text"));
+            // Messages quote lines: samples where a header is expected must not become one.
+            let Some(text) = str::from_utf8(line).ok().filter(|text| text.len() <= LINE) else {
+                let problem = format!("a header line must be text of at most {LINE} bytes");
+                return Err(file.malformed(Place::Line(number), problem));
             };
             let text = text.trim();
             if text.is_empty() {

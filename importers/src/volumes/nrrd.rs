@@ -6,7 +6,7 @@
 //! keeps its axes. Without them `spacings` and `axis mins` count. An unknown spacing (NaN) is 1.
 
 use crate::Endian;
-use crate::file::File;
+use crate::file::{File, quoted};
 use crate::inflate;
 use crate::scalar::Scalar;
 use crate::volumes::frame;
@@ -67,7 +67,7 @@ impl Header {
                     header.fields.insert(name.to_ascii_lowercase(), (number, value));
                 }
                 None => {
-                    let problem = format!("{text:?} is neither \"field: value\" nor \"key:=value\"");
+                    let problem = format!("{} is neither \"field: value\" nor \"key:=value\"", quoted(text));
                     return Err(file.malformed(Place::Line(number), problem));
                 }
             }

@@ -1,7 +1,7 @@
 //! Bytes of any number type to voxels: the last step of every volume format.
 
 use crate::Endian;
-use crate::file::File;
+use crate::file::{File, quoted};
 use crate::scalar::{Scalar, numbers};
 use crate::{ImportError, OpenOptions, Place};
 use oblate_volumes::{GridFrame, Volume, Voxels};
@@ -40,9 +40,8 @@ impl Layout {
             let token = String::from_utf8_lossy(token);
             if self.scalar.push_text(&token, &mut bytes).is_none() {
                 let place = Place::Part(format!("sample {found}"));
-                return Err(
-                    file.malformed(place, format!("{token:?} is no number of type {:?}", self.scalar))
-                );
+                return Err(file
+                    .malformed(place, format!("{} is no number of type {:?}", quoted(&token), self.scalar)));
             }
             found += 1;
             if found > expected {

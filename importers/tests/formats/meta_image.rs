@@ -210,7 +210,8 @@ fn what_is_wrong_is_said() {
     refuse("BinaryData = True", "CompressedData = True", &["compressed data break off"]);
     refuse("LOCAL", "a%03d.raw 1 2 1", &["line 8", "LIST"]);
     refuse("LOCAL", "nowhere.raw", &["line 8", "nowhere.raw", "cannot be read"]);
-    refuse("ElementDataFile = LOCAL", "", &["must be text"]);
+    refuse("ElementDataFile = LOCAL", "", &["line 9", "Field = value"]);
+    refuse("ElementDataFile = LOCAL", &"\u{1}".repeat(5000), &["line 8", "text of at most 4096 bytes"]);
     folder.refused("a.mha", "NDims = 3\n", &["lacks ElementDataFile"]);
     let bomb = [header("CompressedData = True\n", "LOCAL").into_bytes(), zlib(&vec![0; 1_000_000])].concat();
     folder.refused("a.mha", bomb, &["more than the 24 bytes"]);

@@ -159,7 +159,7 @@ fn rectilinear_grids_with_unequal_steps_are_refused() {
     let refuse = |coordinates: [&str; 3], parts: &[&str]| {
         folder.refused("a.vtr", xml(coordinates), parts);
     };
-    refuse(["0 1 3 4", "0 1 2", "0 1"], &["line 1", "x coordinates", "from 1 to 2", "ratio of 2.0000"]);
+    refuse(["0 1 3 4", "0 1 2", "0 1"], &["line 5", "x coordinates", "from 1 to 2", "ratio of 2.0000"]);
     refuse(["0 1 2 3", "0 1 2.001", "0 1"], &["y coordinates", "ratio of 1.001"]);
     refuse(["0 1 2 3", "0 1 1", "0 1"], &["y coordinates", "1 follows 1"]);
     refuse(["0 1 2 3", "0 1 2", "3 3"], &["z coordinates", "rise or fall"]);
@@ -201,7 +201,7 @@ fn what_is_wrong_is_said() {
         &["cells along each axis"],
     );
     refuse("unsigned_char", "bit", &["line 9", "\"bit\""]);
-    refuse("density unsigned_char", "density unsigned_char 3", &["72", "ends before"]);
+    refuse("density unsigned_char", "density unsigned_char 3", &["24 times 3", "ends before"]);
     refuse("LOOKUP_TABLE", "LOOK_UP", &["SCALARS must have"]);
     refuse("SCALARS density", "SCALAR density", &["SCALAR\" is no word"]);
     refuse(" 11 ", " 256 ", &["sample", "256"]);

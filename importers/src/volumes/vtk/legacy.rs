@@ -7,7 +7,7 @@
 //! texture coordinates, tensors, ids, lookup tables and metadata are passed over.
 
 use super::grid::{Coordinates, PointGrid};
-use crate::file::File;
+use crate::file::{File, quoted};
 use crate::scalar::Scalar;
 use crate::volumes::voxels::Layout;
 use crate::{Endian, ImportError, OpenOptions, Place};
@@ -18,6 +18,9 @@ use std::str::FromStr;
 
 /// How legacy files begin.
 pub(crate) const MAGIC: &[u8] = b"# vtk DataFile Version";
+
+/// Bytes of a word that are looked at: no keyword, type or number is longer, and messages quote words.
+const LONGEST: usize = 64;
 
 /// A place in the file, from which words and numbers are taken.
 struct Reader<'a> {
@@ -98,9 +101,15 @@ impl<'a> Reader<'a> {
         Some(&rest[start..start + length])
     }
 
+    /// The beginning of the next word in capitals: keywords are written in any case. `None` at the end of the file.
+    fn keyword(&mut self) -> Option<String> {
+        let word = self.next_word()?;
+        Some(String::from_utf8_lossy(&word[..word.len().min(LONGEST)]).to_ascii_uppercase())
+    }
+
     fn word(&mut self, what: &str) -> Result<String, ImportError> {
         match self.next_word() {
-            Some(word) => Ok(String::from_utf8_lossy(word).into_owned()),
+            Some(word) => Ok(String::from_utf8_lossy(&word[..word.len().min(LONGEST)]).into_owned()),
             None => Err(self.malformed(format!("the file ends where {what} is expected"))),
         }
     }
@@ -126,22 +135,23 @@ impl<'a> Reader<'a> {
         if self.is_text || encoding.eq_ignore_ascii_case(b"BINARY") {
             Ok(())
         } else {
-            let problem = format!("{:?} must be ASCII or BINARY", String::from_utf8_lossy(encoding));
+            let encoding = quoted(&String::from_utf8_lossy(encoding));
+            let problem = format!("{encoding} must be ASCII or BINARY");
             Err(self.file.malformed(Place::Line(3), problem))
         }
     }
 
     /// The dataset's words, up to those of its arrays.
     fn dataset(&mut self) -> Result<PointGrid, ImportError> {
-        let mut word = self.word("DATASET")?.to_ascii_uppercase();
+        let mut word = self.keyword().unwrap_or_default();
         while word == "FIELD" || word == "METADATA" {
             self.pass_over(&word, 0)?;
-            word = self.word("DATASET")?.to_ascii_uppercase();
+            word = self.keyword().unwrap_or_default();
         }
         if word != "DATASET" {
             return Err(self.malformed(format!("{word:?} stands where DATASET is expected")));
         }
-        let kind = self.word("the dataset")?.to_ascii_uppercase();
+        let kind = self.keyword().unwrap_or_default();
         if kind != "STRUCTURED_POINTS" && kind != "RECTILINEAR_GRID" {
             let feature =
                 format!("DATASET {kind}; STRUCTURED_POINTS and RECTILINEAR_GRID are supported as volumes");
@@ -152,21 +162,20 @@ impl<'a> Reader<'a> {
         let mut axes = [None, None, None];
         loop {
             let before = self.at;
-            let Some(word) = self.next_word() else { break };
-            match word.to_ascii_uppercase().as_slice() {
-                b"DIMENSIONS" => points = Some(self.three("DIMENSIONS")?),
-                b"ORIGIN" => origin = self.three("ORIGIN")?,
-                b"SPACING" | b"ASPECT_RATIO" => spacing = self.three("SPACING")?,
-                b"X_COORDINATES" => axes[0] = Some(self.coordinates()?),
-                b"Y_COORDINATES" => axes[1] = Some(self.coordinates()?),
-                b"Z_COORDINATES" => axes[2] = Some(self.coordinates()?),
-                field @ (b"FIELD" | b"METADATA") => self.pass_over(&String::from_utf8_lossy(field), 0)?,
-                b"POINT_DATA" | b"CELL_DATA" => {
+            let Some(word) = self.keyword() else { break };
+            match word.as_str() {
+                "DIMENSIONS" => points = Some(self.three("DIMENSIONS")?),
+                "ORIGIN" => origin = self.three("ORIGIN")?,
+                "SPACING" | "ASPECT_RATIO" => spacing = self.three("SPACING")?,
+                "X_COORDINATES" => axes[0] = Some(self.coordinates()?),
+                "Y_COORDINATES" => axes[1] = Some(self.coordinates()?),
+                "Z_COORDINATES" => axes[2] = Some(self.coordinates()?),
+                "FIELD" | "METADATA" => self.pass_over(&word, 0)?,
+                "POINT_DATA" | "CELL_DATA" => {
                     self.at = before;
                     break;
                 }
-                other => {
-                    let word = String::from_utf8_lossy(other);
+                _ => {
                     return Err(self.malformed(format!("{word:?} is no word of DATASET {kind}")));
                 }
             }
@@ -189,8 +198,8 @@ impl<'a> Reader<'a> {
 
     fn coordinates(&mut self) -> Result<Coordinates, ImportError> {
         let tuples = self.number("a number of coordinates")?;
-        let kind = self.word("a number type")?;
-        let array = self.array(&kind, 1, tuples)?;
+        let kind = self.scalar()?;
+        let array = self.array(kind, 1, tuples)?;
         let bytes = self.bytes(&array)?;
         let values = array.scalar.all(&bytes, self.endian()).collect();
         Ok(Coordinates { values, rounding: array.scalar.rounding() })
@@ -201,8 +210,7 @@ impl<'a> Reader<'a> {
         let mut of_cells = None;
         let mut on_cells = false;
         let mut tuples = 0;
-        while let Some(word) = self.next_word() {
-            let word = String::from_utf8_lossy(word).to_ascii_uppercase();
+        while let Some(word) = self.keyword() {
             let found = match word.as_str() {
                 "POINT_DATA" | "CELL_DATA" => {
                     on_cells = word == "CELL_DATA";
@@ -228,20 +236,20 @@ impl<'a> Reader<'a> {
     /// `SCALARS name type [components] LOOKUP_TABLE name`, its word being taken.
     fn scalar_array(&mut self, tuples: usize) -> Result<Option<Array>, ImportError> {
         self.word("a name")?;
-        let kind = self.word("a number type")?;
-        let mut word = self.word("LOOKUP_TABLE")?;
+        let kind = self.scalar()?;
+        let mut word = self.keyword().unwrap_or_default();
         let mut components = 1;
-        if !word.eq_ignore_ascii_case("LOOKUP_TABLE") {
+        if word != "LOOKUP_TABLE" {
             components = word.parse().unwrap_or(0);
-            word = self.word("LOOKUP_TABLE")?;
+            word = self.keyword().unwrap_or_default();
         }
-        if components == 0 || !word.eq_ignore_ascii_case("LOOKUP_TABLE") {
+        if components == 0 || word != "LOOKUP_TABLE" {
             let problem =
                 "SCALARS must have a name, a type, a number of components or none, and a LOOKUP_TABLE";
             return Err(self.malformed(problem));
         }
         self.word("the name of a lookup table")?;
-        let array = self.array(&kind, components, tuples)?;
+        let array = self.array(kind, components, tuples)?;
         Ok(Some(array).filter(|array| array.components == 1))
     }
 
@@ -257,8 +265,8 @@ impl<'a> Reader<'a> {
                 self.word("the name of an array")?;
             }
             let (components, tuples) = (self.number("components")?, self.number("tuples")?);
-            let kind = self.word("a number type")?;
-            let array = self.array(&kind, components, tuples)?;
+            let kind = self.scalar()?;
+            let array = self.array(kind, components, tuples)?;
             if array.components == 1 && found.is_none() {
                 found = Some(array);
             }
@@ -276,15 +284,15 @@ impl<'a> Reader<'a> {
             "TEXTURE_COORDINATES" => {
                 self.word("a name")?;
                 let components = self.number("a number of components")?;
-                let kind = self.word("a number type")?;
-                return self.array(&kind, components, tuples).map(drop);
+                let kind = self.scalar()?;
+                return self.array(kind, components, tuples).map(drop);
             }
             // Of bytes in binary files and of numbers from 0 to 1 in text.
             "COLOR_SCALARS" | "LOOKUP_TABLE" => {
                 self.word("a name")?;
                 let count = self.number("a number of values")?;
                 let (components, tuples) = if word == "LOOKUP_TABLE" { (4, count) } else { (count, tuples) };
-                let kind = if self.is_text { "float" } else { "unsigned_char" };
+                let kind = if self.is_text { Scalar::F32 } else { Scalar::U8 };
                 return self.array(kind, components, tuples).map(drop);
             }
             "FIELD" => return self.field().map(drop),
@@ -295,8 +303,8 @@ impl<'a> Reader<'a> {
             _ => return Err(self.malformed(format!("{word:?} is no word of a VTK file that is known"))),
         };
         self.word("a name")?;
-        let kind = self.word("a number type")?;
-        self.array(&kind, fixed, tuples).map(drop)
+        let kind = self.scalar()?;
+        self.array(kind, fixed, tuples).map(drop)
     }
 
     /// Lines up to an empty one.
@@ -306,8 +314,7 @@ impl<'a> Reader<'a> {
     }
 
     /// The array whose numbers come next; the end of the line before binary ones is passed.
-    fn array(&mut self, kind: &str, components: usize, tuples: usize) -> Result<Array, ImportError> {
-        let scalar = self.scalar(kind)?;
+    fn array(&mut self, scalar: Scalar, components: usize, tuples: usize) -> Result<Array, ImportError> {
         let count = components.checked_mul(tuples);
         let missing = |reader: &Self| {
             reader
@@ -327,8 +334,7 @@ impl<'a> Reader<'a> {
         } else {
             self.line();
             let start = self.at;
-            // No overflow: the count is at most the file's length.
-            if count * scalar.size() > self.rest().len() {
+            if count > self.rest().len() / scalar.size() {
                 return Err(missing(self));
             }
             self.at += count * scalar.size();
@@ -337,7 +343,8 @@ impl<'a> Reader<'a> {
         Ok(Array { scalar, components, tuples, numbers: start..self.at })
     }
 
-    fn scalar(&self, kind: &str) -> Result<Scalar, ImportError> {
+    fn scalar(&mut self) -> Result<Scalar, ImportError> {
+        let kind = self.word("a number type")?;
         Ok(match kind.to_ascii_lowercase().as_str() {
             "char" | "signed_char" => Scalar::I8,
             "unsigned_char" => Scalar::U8,
