@@ -125,7 +125,7 @@ macro_rules! mutated {
     };
 }
 
-mutated!(dicom gltf ksplat nrrd obj packed ply raw sog splat splats spz surfels tiff vti);
+mutated!(dicom gltf ksplat meta_image nifti nrrd obj packed ply raw sog splat splats spz surfels tiff vti vtk);
 
 #[test]
 fn material_libraries() {
