@@ -32,7 +32,7 @@ pub enum ImportError {
     },
     /// The bytes are of no known format and nothing says how raw samples would lie in them.
     #[error(
-        "{}: not recognised as glTF, GLB, OBJ, PLY, NRRD or VTI; to read it as raw voxels, {missing} \
+        "{}: not recognised as glTF, GLB, OBJ, STL, PLY, NRRD or VTI; to read it as raw voxels, {missing} \
          (a name like head_256x256x113_uint16be.raw.gz says the same)", path.display()
     )]
     Unknown {

@@ -1,12 +1,14 @@
 //! Telling formats apart.
 
 use crate::file::File;
+use crate::meshes::stl;
 
 /// What a file is read as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Format {
     Gltf,
     Obj,
+    Stl,
     Ply,
     Nrrd,
     Vti,
@@ -27,6 +29,7 @@ impl Format {
         match extension.as_deref() {
             Some("gltf" | "glb") => Self::Gltf,
             Some("obj") => Self::Obj,
+            Some("stl") => Self::Stl,
             Some("ply") => Self::Ply,
             Some("nrrd" | "nhdr") => Self::Nrrd,
             Some("vti") => Self::Vti,
@@ -48,6 +51,8 @@ impl Format {
             Some(Self::Nrrd)
         } else if head.starts_with(b"<") && contains(head, b"<VTKFile") {
             Some(Self::Vti)
+        } else if stl::is_stl(bytes) {
+            Some(Self::Stl)
         } else {
             None
         }
@@ -57,6 +62,7 @@ impl Format {
         match self {
             Self::Gltf => "glTF",
             Self::Obj => "OBJ",
+            Self::Stl => "STL",
             Self::Ply => "PLY",
             Self::Nrrd => "NRRD",
             Self::Vti => "VTI",

@@ -4,8 +4,9 @@
 //!
 //! | format | gives | module |
 //! |---|---|---|
-//! | glTF 2.0, GLB | mesh | [`gltf`](mod@gltf) |
+//! | glTF 2.0, GLB | mesh, or trained splats | [`gltf`](mod@gltf) |
 //! | OBJ with MTL and textures | mesh | [`meshes::obj`] |
+//! | STL, binary and ascii | mesh | [`meshes::stl`] |
 //! | PLY, ascii and binary | mesh, or trained splats | [`ply`] |
 //! | NRRD, attached and detached | volume | [`volumes::nrrd`] |
 //! | VTI (VTK ImageData) | volume | [`volumes::vti`] |
@@ -20,6 +21,7 @@
 
 mod content;
 mod error;
+mod export;
 mod file;
 mod format;
 pub mod gltf;
@@ -37,7 +39,7 @@ pub use volumes::raw::{Endian, LayoutError, RawLayout, SampleType, parse_dims};
 use file::File;
 use format::Format;
 use glam::DVec3;
-use meshes::obj;
+use meshes::{obj, stl};
 use std::path::{Path, PathBuf};
 use volumes::{nrrd, raw, vti};
 
@@ -48,7 +50,7 @@ pub struct OpenOptions {
     pub raw: Option<RawLayout>,
     /// Distance between samples along a volume's axes, in place of the file's; meshes don't heed it.
     pub spacing: Option<DVec3>,
-    /// A PNG or JPEG for the parts of an OBJ or PLY mesh that have texture coordinates and no texture.
+    /// A PNG, JPEG or WebP for the parts of an OBJ or PLY mesh that have texture coordinates and no texture.
     pub texture: Option<PathBuf>,
     /// Bytes that a compressed file may unpack to, at most.
     pub max_memory: u64,
@@ -73,8 +75,9 @@ impl Default for OpenOptions {
 pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Opened, ImportError> {
     let file = File::read(path.as_ref())?;
     match Format::of(&file, options.raw.is_some()) {
-        Format::Gltf => gltf::read(&file).map(Opened::from),
+        Format::Gltf => gltf::read(&file, options),
         Format::Obj => obj::read(&file, options).map(Opened::from),
+        Format::Stl => stl::read(&file),
         Format::Ply => ply::read(file, options),
         Format::Nrrd => nrrd::read(&file, options).map(Opened::from),
         Format::Vti => vti::read(&file, options).map(Opened::from),

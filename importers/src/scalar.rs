@@ -102,6 +102,13 @@ impl FromF64 for f32 {
     }
 }
 
+/// Only for whole numbers of this type's range.
+impl FromF64 for u32 {
+    fn from_f64(value: f64) -> Self {
+        value as u32
+    }
+}
+
 impl FromF64 for f64 {
     fn from_f64(value: f64) -> Self {
         value

@@ -13,12 +13,9 @@
 //! Opacities 0 and 1, σ of 0 (flat splats) and any place that single precision has are drawn.
 
 mod gather;
-#[expect(dead_code, reason = "for writers and formats to come")]
+mod rotate;
 mod trained;
 
-#[expect(unused_imports, reason = "for formats to come")]
-pub(crate) use gather::Sink;
-pub(crate) use gather::{ROWS, Training, gather};
-pub(crate) use trained::Trained;
-#[expect(unused_imports, reason = "for formats to come")]
-pub(crate) use trained::{log_scale, trained};
+pub(crate) use gather::{ROWS, Sink, Training, gather};
+pub(crate) use rotate::Turn;
+pub(crate) use trained::{Trained, half_axes, log_scale, of_half_axes, trained};

@@ -4,6 +4,8 @@
 
 mod common;
 mod gltf;
+mod gltf_packed;
+mod gltf_splats;
 mod mutation;
 mod nrrd;
 mod obj;
@@ -12,4 +14,5 @@ mod raw;
 mod real_data;
 mod seeds;
 mod splats;
+mod stl;
 mod vti;

@@ -120,7 +120,9 @@ macro_rules! mutated {
     };
 }
 
-mutated!(gltf nrrd obj ply raw splats vti);
+mutated!(gltf gltf_splats nrrd obj ply raw splats stl vti);
+#[cfg(feature = "meshopt")]
+mutated!(gltf_packed);
 
 #[test]
 fn material_libraries() {
