@@ -3,7 +3,7 @@
 use crate::file::File;
 use crate::gltf;
 use crate::inflate;
-use crate::meshes::obj;
+use crate::meshes::{obj, stl};
 use crate::ply;
 use crate::source::Source;
 use crate::splats::{ksplat, sog, splat, spz};
@@ -46,12 +46,15 @@ static FORMATS: &[Format] = &[
     // Its JSON may have an "asset", as glTF's does.
     Format::new("SOG", &["sog"], |source, options| sog::read(&source.into_file()?, options))
         .beginning(|bytes| bytes.starts_with(sog::ZIP) || json(bytes).is_some_and(sog::is_meta)),
-    Format::new("glTF", &["gltf", "glb"], |source, _| Ok(gltf::read(&source.into_file()?)?.into()))
+    Format::new("glTF", &["gltf", "glb"], |source, options| gltf::read(&source.into_file()?, options))
         .beginning(|bytes| {
             bytes.starts_with(b"glTF") || json(bytes).is_some_and(|text| contains(text, b"\"asset\""))
         })
         .up(DVec3::Y),
     Format::new("OBJ", &["obj"], |source, options| Ok(obj::read(&source.into_file()?, options)?.into())),
+    Format::new("STL", &["stl"], |source, _| stl::read(&source.into_file()?))
+        .beginning(stl::is_stl)
+        .up(DVec3::Z),
     Format::new("PLY", &["ply"], ply::read)
         .beginning(|bytes| bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r")),
     Format::new(".splat", &["splat"], |source, _| splat::read(&source)),

@@ -4,8 +4,9 @@
 //!
 //! | format | gives | module |
 //! |---|---|---|
-//! | glTF 2.0, GLB | mesh | [`gltf`](mod@gltf) |
+//! | glTF 2.0, GLB | mesh, or trained splats | [`gltf`](mod@gltf) |
 //! | OBJ with MTL and textures | mesh | [`meshes::obj`] |
+//! | STL, binary and ascii | mesh | [`meshes::stl`] |
 //! | PLY, ascii and binary | mesh, or trained splats, also packed ones | [`ply`] |
 //! | .splat | trained splats | [`splats::splat`] |
 //! | NRRD, attached and detached | volume | [`volumes::nrrd`] |
@@ -61,7 +62,7 @@ pub struct OpenOptions {
     pub raw: Option<RawLayout>,
     /// Distance between samples along a volume's axes, in place of the file's; meshes don't heed it.
     pub spacing: Option<DVec3>,
-    /// A PNG or JPEG for the parts of an OBJ or PLY mesh that have texture coordinates and no texture.
+    /// A PNG, JPEG or WebP for the parts of an OBJ or PLY mesh that have texture coordinates and no texture.
     pub texture: Option<PathBuf>,
     /// The level of detail of a file that has several, 0 being the finest and the default; other files don't heed it.
     pub level: Option<u32>,

@@ -121,6 +121,17 @@ impl FromF64 for f32 {
     }
 }
 
+/// Only for whole numbers of this type's range.
+impl FromF64 for u32 {
+    fn from_f64(value: f64) -> Self {
+        value as u32
+    }
+
+    fn from_f32(value: f32) -> Self {
+        value as u32
+    }
+}
+
 impl FromF64 for f64 {
     fn from_f64(value: f64) -> Self {
         value

@@ -11,6 +11,7 @@
 //! to side.
 
 mod gaussian_ply;
+mod gltf;
 mod nrrd;
 mod records;
 mod samples;
@@ -152,7 +153,7 @@ fn save_splats(
         Target::GaussianPly => gaussian_ply::write(&gaussians, blend, out),
         Target::Splat => splat::write(&gaussians, out),
         Target::Spz => spz::write(&gaussians, blend, out),
-        _ => Err(ExportError::Unsuited("glb is not written yet".into())),
+        _ => gltf::write(&gaussians, blend, out),
     }?;
     Ok(assumed.into_iter().chain(notes).collect())
 }

@@ -8,6 +8,7 @@ use crate::{ImportError, Place};
 use ::gltf::json::accessor::{ComponentType, Type, sparse};
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{Accessor, Index, Root, buffer};
+use std::borrow::Cow;
 
 /// How integers are meant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,29 +19,50 @@ pub(crate) enum Integers {
     Normalized,
 }
 
-/// Reads accessors.
+/// Finds accessors.
 pub(crate) struct Accessors<'a> {
     pub(crate) file: &'a File,
     pub(crate) root: &'a Root,
     pub(crate) buffers: &'a Buffers<'a>,
 }
 
-/// Elements in bytes.
-struct Elements<'a> {
-    bytes: &'a [u8],
+/// An accessor's elements in bytes.
+pub(crate) struct Column<'a> {
+    /// From the first element to the end of the last.
+    bytes: Cow<'a, [u8]>,
     stride: usize,
-    scalar: Scalar,
+    pub(crate) scalar: Scalar,
+    /// What 1 is, where integers are shares of it.
+    scale: f64,
+    pub(crate) count: usize,
+    /// Components of an element.
+    pub(crate) width: usize,
 }
 
-impl Accessors<'_> {
-    /// The elements of an accessor, one after the other, and the number of components in each, which must
-    /// be one of `widths`.
-    pub(crate) fn read<T: FromF64>(
+impl Column<'_> {
+    /// A component of an element; `row` must be below `count`.
+    pub(crate) fn value(&self, row: usize, component: usize) -> f64 {
+        let start = row * self.stride + component * self.scalar.size();
+        let value = self.scalar.first(&self.bytes[start..], Endian::Little).unwrap_or(f64::NAN);
+        // The smallest signed integer is as far as its opposite: -1.
+        if self.scale == 1.0 { value } else { (value / self.scale).max(-1.0) }
+    }
+
+    /// All components, one element after the other.
+    pub(crate) fn values<T: FromF64>(&self) -> Vec<T> {
+        let rows = (0..self.count).flat_map(|row| (0..self.width).map(move |c| (row, c)));
+        rows.map(|(row, c)| T::from_f64(self.value(row, c))).collect()
+    }
+}
+
+impl<'a> Accessors<'a> {
+    /// The elements of an accessor; the number of components in each must be one of `widths`.
+    pub(crate) fn column(
         &self,
         index: Index<Accessor>,
         widths: &[usize],
         integers: Integers,
-    ) -> Result<(usize, Vec<T>), ImportError> {
+    ) -> Result<Column<'a>, ImportError> {
         let place = || Place::Part(format!("accessor {}", index.value()));
         let malformed = |problem: String| self.file.malformed(place(), problem);
         let accessor = self.root.get(index).ok_or_else(|| malformed("is named, but not there".into()))?;
@@ -59,15 +81,13 @@ impl Accessors<'_> {
         let count = usize::try_from(accessor.count.0).unwrap_or(usize::MAX);
         let normalized = accessor.normalized || integers == Integers::Normalized;
         let scale = if normalized { scalar.integer_max().unwrap_or(1.0) } else { 1.0 };
-        // The smallest signed integer is as far as its opposite: -1.
-        let convert = |value: f64| T::from_f64(if scale == 1.0 { value } else { (value / scale).max(-1.0) });
-        let mut values: Vec<T> = match accessor.buffer_view {
+        let size = scalar.size() * width;
+        let (mut bytes, mut stride) = match accessor.buffer_view {
             Some(view) => {
                 let offset = accessor.byte_offset.map_or(0, |offset| offset.0);
-                let elements = self
-                    .elements(view, offset, (scalar, width, count))
-                    .map_err(|e| e.at(self.file, place()))?;
-                elements.values(count, width).map(convert).collect()
+                let (bytes, stride) =
+                    self.elements(view, offset, (size, count)).map_err(|e| e.at(self.file, place()))?;
+                (Cow::Borrowed(bytes), stride)
             }
             None => {
                 let Some(sparse) = &accessor.sparse else {
@@ -82,25 +102,26 @@ impl Accessors<'_> {
                         "{count} elements are not there but for {limit} sparse ones"
                     )));
                 }
-                vec![convert(0.0); count * width]
+                (Cow::Owned(vec![0; count * size]), size)
             }
         };
         if let Some(sparse) = &accessor.sparse {
-            self.replace(sparse, (scalar, width, count), |at, value| values[at] = convert(value))
-                .map_err(|e| e.at(self.file, place()))?;
+            let dense = (0..count).flat_map(|row| &bytes[row * stride..][..size]);
+            let mut dense: Vec<u8> = dense.copied().collect();
+            self.replace(sparse, size, &mut dense).map_err(|e| e.at(self.file, place()))?;
+            (bytes, stride) = (Cow::Owned(dense), size);
         }
-        Ok((width, values))
+        Ok(Column { bytes, stride, scalar, scale, count, width })
     }
 
-    /// The elements at `offset` in a view, if all are within it.
+    /// The bytes of `count` elements of `size` bytes at `offset` in a view, if all are within it, and how far apart they are.
     fn elements(
         &self,
         view: Index<buffer::View>,
         offset: u64,
-        (scalar, width, count): (Scalar, usize, usize),
-    ) -> Result<Elements<'_>, Fault> {
+        (size, count): (usize, usize),
+    ) -> Result<(&'a [u8], usize), Fault> {
         let (bytes, stride) = self.buffers.view(view)?;
-        let size = scalar.size() * width;
         let stride = stride.unwrap_or(size);
         if stride < size {
             return Err(format!("byteStride {stride} is less than an element's {size} bytes").into());
@@ -117,42 +138,30 @@ impl Accessors<'_> {
                 bytes.len()
             )
         };
-        Ok(Elements { bytes: within.ok_or_else(problem)?, stride, scalar })
+        Ok((within.ok_or_else(problem)?, stride))
     }
 
-    /// Calls `set` with each component's place and value that a sparse accessor replaces.
-    fn replace(
-        &self,
-        sparse: &sparse::Sparse,
-        (scalar, width, count): (Scalar, usize, usize),
-        mut set: impl FnMut(usize, f64),
-    ) -> Result<(), Fault> {
-        let replaced = usize::try_from(sparse.count.0).unwrap_or(usize::MAX);
+    /// Puts what a sparse accessor replaces into elements of `size` bytes without gaps.
+    fn replace(&self, sparse: &sparse::Sparse, size: usize, dense: &mut [u8]) -> Result<(), Fault> {
+        let count = usize::try_from(sparse.count.0).unwrap_or(usize::MAX);
         let Checked::Valid(index_type) = sparse.indices.component_type else {
             return Err("sparse.indices.componentType is no index type".to_owned().into());
         };
-        let indices = (self::scalar(index_type.0), 1, replaced);
-        let indices = self.elements(sparse.indices.buffer_view, sparse.indices.byte_offset.0, indices)?;
-        let values =
-            self.elements(sparse.values.buffer_view, sparse.values.byte_offset.0, (scalar, width, replaced))?;
-        let mut values = values.values(replaced, width);
-        for index in indices.values(replaced, 1) {
-            let index = index as usize;
-            if index >= count {
-                return Err(format!("sparse index {index} must be below {count}").into());
-            }
-            values.by_ref().take(width).enumerate().for_each(|(c, value)| set(index * width + c, value));
+        let scalar = self::scalar(index_type.0);
+        let place = (sparse.indices.buffer_view, sparse.indices.byte_offset.0);
+        let (bytes, stride) = self.elements(place.0, place.1, (scalar.size(), count))?;
+        let indices = Column { bytes: Cow::Borrowed(bytes), stride, scalar, scale: 1.0, count, width: 1 }
+            .values::<f64>();
+        let place = (sparse.values.buffer_view, sparse.values.byte_offset.0);
+        let (values, stride) = self.elements(place.0, place.1, (size, count))?;
+        let rows = dense.len() / size;
+        for (number, index) in indices.into_iter().enumerate() {
+            let Some(element) = dense.chunks_exact_mut(size).nth(index as usize) else {
+                return Err(format!("sparse index {index} must be below {rows}").into());
+            };
+            element.copy_from_slice(&values[number * stride..][..size]);
         }
         Ok(())
-    }
-}
-
-impl Elements<'_> {
-    fn values(&self, count: usize, width: usize) -> impl Iterator<Item = f64> {
-        let size = self.scalar.size();
-        let starts = (0..count).flat_map(move |i| (0..width).map(move |c| i * self.stride + c * size));
-        // All lie within the bytes, whose length was made from these numbers.
-        starts.filter_map(|start| self.scalar.first(&self.bytes[start..], Endian::Little))
     }
 }
 

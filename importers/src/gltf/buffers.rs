@@ -1,5 +1,7 @@
 //! Buffers, buffer views and URIs.
 
+use super::budget::Budget;
+use super::meshopt::{self, Packed};
 use crate::file::File;
 use crate::{ImportError, Place};
 use ::gltf::json::{Index, Root, buffer};
@@ -13,34 +15,75 @@ pub(crate) struct Buffers<'a> {
     root: &'a Root,
     /// The binary chunk of a GLB.
     binary: Option<&'a [u8]>,
+    budget: &'a Budget,
     read: Vec<OnceCell<Vec<u8>>>,
+    /// The bytes of those views that are compressed.
+    unpacked: Vec<OnceCell<Vec<u8>>>,
 }
 
 impl<'a> Buffers<'a> {
-    pub(crate) fn new(file: &'a File, root: &'a Root, binary: Option<&'a [u8]>) -> Self {
+    pub(crate) fn new(file: &'a File, root: &'a Root, binary: Option<&'a [u8]>, budget: &'a Budget) -> Self {
         let read = root.buffers.iter().map(|_| OnceCell::new()).collect();
-        Self { file, root, binary, read }
+        let unpacked = root.buffer_views.iter().map(|_| OnceCell::new()).collect();
+        Self { file, root, binary, budget, read, unpacked }
+    }
+
+    /// Memory that is left for what comes of them.
+    pub(crate) fn budget(&self) -> &Budget {
+        self.budget
     }
 
     /// The bytes of a view, and the distance of its elements if it gives one.
     pub(crate) fn view(&self, index: Index<buffer::View>) -> Result<(&[u8], Option<usize>), ImportError> {
         let place = || Place::Part(format!("bufferView {}", index.value()));
-        let view =
-            self.root.get(index).ok_or_else(|| self.file.malformed(place(), "is named, but not there"))?;
-        let bytes = self.buffer(view.buffer)?;
-        let start = view.byte_offset.map_or(0, |offset| offset.0);
-        match slice(bytes, start, view.byte_length.0) {
-            Some(bytes) => Ok((bytes, view.byte_stride.map(|stride| stride.0).filter(|&stride| stride > 0))),
-            None => {
-                let problem = format!(
-                    "{} bytes from byte {start} go beyond buffer {} of {} bytes",
-                    view.byte_length.0,
-                    view.buffer.value(),
-                    bytes.len()
-                );
-                Err(self.file.malformed(place(), problem))
+        let missing = || self.file.malformed(place(), "is named, but not there");
+        let view = self.root.get(index).ok_or_else(missing)?;
+        let stride = view.byte_stride.map(|stride| stride.0).filter(|&stride| stride > 0);
+        let wrong = |problem: String| self.file.malformed(place(), problem);
+        let packed = Packed::of(view).map_err(wrong)?;
+        // A program that can't unpack takes what lies there for it, if it does.
+        if let Some(packed) = packed.filter(|_| meshopt::AVAILABLE || !self.is_there(view.buffer)) {
+            if !meshopt::AVAILABLE {
+                return Err(self
+                    .file
+                    .unsupported(place(), format!("is compressed; {}", meshopt::UNAVAILABLE)));
             }
+            let cell = self.unpacked.get(index.value()).ok_or_else(missing)?;
+            if let Some(bytes) = cell.get() {
+                return Ok((bytes, stride));
+            }
+            let bytes = self.part((packed.buffer, packed.byte_offset, packed.byte_length), place)?;
+            packed.check_ratio(bytes).map_err(wrong)?;
+            // Once as elements and once as bytes.
+            self.budget.take(self.file, place, (2 * packed.count, packed.byte_stride))?;
+            let unpacked = packed.unpack(bytes).map_err(wrong)?;
+            return Ok((cell.get_or_init(|| unpacked), stride));
         }
+        let start = view.byte_offset.map_or(0, |offset| offset.0);
+        Ok((self.part((view.buffer, start, view.byte_length.0), place)?, stride))
+    }
+
+    /// A part of a buffer: its first byte and its length.
+    fn part(
+        &self,
+        (buffer, start, length): (Index<buffer::Buffer>, u64, u64),
+        place: impl FnOnce() -> Place,
+    ) -> Result<&[u8], ImportError> {
+        let bytes = self.buffer(buffer)?;
+        slice(bytes, start, length).ok_or_else(|| {
+            let problem = format!(
+                "{length} bytes from byte {start} go beyond buffer {} of {} bytes",
+                buffer.value(),
+                bytes.len()
+            );
+            self.file.malformed(place(), problem)
+        })
+    }
+
+    /// Whether a buffer has bytes, which fallbacks of compressed ones may lack.
+    fn is_there(&self, index: Index<buffer::Buffer>) -> bool {
+        let has_uri = self.root.get(index).is_some_and(|buffer| buffer.uri.is_some());
+        has_uri || (index.value() == 0 && self.binary.is_some())
     }
 
     fn buffer(&self, index: Index<buffer::Buffer>) -> Result<&[u8], ImportError> {

@@ -8,7 +8,7 @@ use ::gltf::json::extensions::texture::TextureTransform;
 use ::gltf::json::material::AlphaMode;
 use ::gltf::json::texture::{Info, WrappingMode};
 use ::gltf::json::validation::Checked;
-use ::gltf::json::{Index, Material, Root, Texture as JsonTexture};
+use ::gltf::json::{Image, Index, Material, Root, Texture as JsonTexture};
 use glam::{Mat2, Vec2, Vec4};
 use oblate_surfels::{BaseColor, Texture, Wrap};
 use std::collections::HashMap;
@@ -134,12 +134,9 @@ impl<'a> Materials<'a> {
                 [wrap(sampler.wrap_s), wrap(sampler.wrap_t)]
             }
         };
-        let image_place = || Place::Part(format!("image {}", texture.source.value()));
-        let image = self.root.get(texture.source).ok_or_else(|| {
-            malformed(
-                "has no image source that is read; PNG and JPEG are supported, extensions' formats are not",
-            )
-        })?;
+        let source = source(texture);
+        let image_place = || Place::Part(format!("image {}", source.value()));
+        let image = self.root.get(source).ok_or_else(|| self.no_source(texture, place()))?;
         let from_uri;
         let bytes = match (image.buffer_view, &image.uri) {
             (Some(view), _) => buffers.view(view)?.0,
@@ -153,12 +150,37 @@ impl<'a> Materials<'a> {
         };
         let mut texture =
             texture::decode(bytes, wrap).map_err(|problem| self.file.malformed(image_place(), problem))?;
+        buffers.budget().take(self.file, image_place, (texture.texels.len(), size_of::<[u8; 4]>()))?;
         if opaque {
             texture.texels.iter_mut().for_each(|texel| texel[3] = 255);
         }
         let texture = Arc::new(texture);
         self.textures.insert((index.value(), opaque), Arc::clone(&texture));
         Ok(texture)
+    }
+
+    /// What is said of a texture without an image that is read.
+    fn no_source(&self, texture: &JsonTexture, place: Place) -> ImportError {
+        let formats = "PNG, JPEG and WebP are supported";
+        match texture.extensions.iter().flat_map(|extensions| extensions.others.keys()).next() {
+            Some(name) => {
+                let feature = format!(
+                    "has an image only as the extension {name} has it, which is not supported; {formats}"
+                );
+                self.file.unsupported(place, feature)
+            }
+            None => self.file.malformed(place, format!("has no image source that is there; {formats}")),
+        }
+    }
+}
+
+/// A texture's image: what every program can read, or else WebP (EXT_texture_webp).
+fn source(texture: &JsonTexture) -> Index<Image> {
+    // What is not there has an index that nothing has.
+    let webp = || texture.extensions.as_ref()?.others.get("EXT_texture_webp")?.get("source")?.as_u64();
+    match u32::try_from(webp().unwrap_or(u64::MAX)) {
+        Ok(webp) if texture.source.value() == u32::MAX as usize => Index::new(webp),
+        _ => texture.source,
     }
 }
 

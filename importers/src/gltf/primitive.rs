@@ -1,23 +1,22 @@
 //! Primitives of meshes.
 
 use super::accessor::{Accessors, Integers};
-use super::buffers::Buffers;
 use super::material::Materials;
-use crate::file::File;
 use crate::meshes::geometry::first_not_finite;
+use crate::scalar::Scalar;
 use crate::{ImportError, Place};
 use ::gltf::json::mesh::{Mode, Primitive as JsonPrimitive, Semantic};
 use ::gltf::json::validation::Checked;
-use ::gltf::json::{Accessor, Index, Mesh, Root};
+use ::gltf::json::{Accessor, Index, Mesh};
 use glam::{DAffine3, Vec2, Vec3, Vec4};
 use oblate_surfels::Primitive;
 
 /// Reads meshes.
 pub(crate) struct Reader<'a, 'b> {
-    pub(crate) file: &'a File,
-    pub(crate) root: &'a Root,
-    pub(crate) buffers: &'a Buffers<'a>,
+    pub(crate) accessors: Accessors<'a>,
     pub(crate) materials: &'b mut Materials<'a>,
+    /// Primitives of points and lines that were not read.
+    pub(crate) skipped: usize,
 }
 
 impl Reader<'_, '_> {
@@ -28,22 +27,28 @@ impl Reader<'_, '_> {
         to_world: DAffine3,
     ) -> Result<Vec<Primitive>, ImportError> {
         let name = format!("mesh {}", index.value());
-        let Some(mesh) = self.root.get(index) else {
-            return Err(self.file.malformed(Place::Part(name), "is named, but not there"));
+        let Some(mesh) = self.accessors.root.get(index) else {
+            return Err(self.accessors.file.malformed(Place::Part(name), "is named, but not there"));
         };
         if mesh.weights.iter().flatten().any(|&weight| weight != 0.0) {
-            return Err(self.file.unsupported(Place::Part(name), super::MORPHED));
+            return Err(self.accessors.file.unsupported(Place::Part(name), super::MORPHED));
         }
         let mut primitives = Vec::new();
         for (i, primitive) in mesh.primitives.iter().enumerate() {
             let name = format!("{name}, primitive {i}");
+            // Meshes that many nodes use may have many small parts.
+            self.accessors.buffers.budget().take(
+                self.accessors.file,
+                || Place::Part(name.clone()),
+                (1, size_of::<Primitive>()),
+            )?;
             match primitive.mode {
                 Checked::Valid(mode @ (Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)) => {
                     primitives.push(self.primitive(primitive, mode, to_world, name)?);
                 }
-                Checked::Valid(_) => {}
+                Checked::Valid(_) => self.skipped += 1,
                 Checked::Invalid => {
-                    return Err(self.file.malformed(Place::Part(name), "mode must be 0 to 6"));
+                    return Err(self.accessors.file.malformed(Place::Part(name), "mode must be 0 to 6"));
                 }
             }
         }
@@ -60,19 +65,19 @@ impl Reader<'_, '_> {
         let accessor = |semantic: Semantic| primitive.attributes.get(&Checked::Valid(semantic)).copied();
         let place = || Place::Part(name.clone());
         let Some(position) = accessor(Semantic::Positions) else {
-            return Err(self.file.malformed(place(), "has no POSITION"));
+            return Err(self.accessors.file.malformed(place(), "has no POSITION"));
         };
         let positions: Vec<[f32; 3]> = self.vectors(position, "POSITION", None)?;
         let count = Some(positions.len());
         let normals =
             accessor(Semantic::Normals).map(|a| self.vectors::<3>(a, "NORMAL", count)).transpose()?;
-        let look = self.materials.look(primitive.material, self.buffers)?;
+        let look = self.materials.look(primitive.material, self.accessors.buffers)?;
         let tex_coords = match look.tex_coords {
             None => None,
             Some((set, transform)) => {
                 let Some(accessor) = accessor(Semantic::TexCoords(set)) else {
                     let problem = format!("its texture needs TEXCOORD_{set}, which it has not");
-                    return Err(self.file.malformed(place(), problem));
+                    return Err(self.accessors.file.malformed(place(), problem));
                 };
                 let uvs = self.vectors::<2>(accessor, "TEXCOORD", count)?;
                 Some(uvs.into_iter().map(|uv| transform.apply(Vec2::from_array(uv))).collect())
@@ -81,7 +86,8 @@ impl Reader<'_, '_> {
         let colors = accessor(Semantic::Colors(0)).map(|a| self.colors(a, count, look.opaque)).transpose()?;
         let corners = self.corners(primitive.indices, positions.len(), place())?;
         Ok(Primitive {
-            triangles: triangles(&corners, mode).map_err(|problem| self.file.malformed(place(), problem))?,
+            triangles: triangles(&corners, mode)
+                .map_err(|problem| self.accessors.file.malformed(place(), problem))?,
             positions: positions.into_iter().map(Vec3::from_array).collect(),
             normals: normals.map(|normals| normals.into_iter().map(Vec3::from_array).collect()),
             tex_coords,
@@ -93,10 +99,6 @@ impl Reader<'_, '_> {
         })
     }
 
-    fn accessors(&self) -> Accessors<'_> {
-        Accessors { file: self.file, root: self.root, buffers: self.buffers }
-    }
-
     /// Finite vectors, `count` of them if that is given.
     fn vectors<const N: usize>(
         &self,
@@ -104,8 +106,9 @@ impl Reader<'_, '_> {
         what: &str,
         count: Option<usize>,
     ) -> Result<Vec<[f32; N]>, ImportError> {
-        let (_, values) = self.accessors().read::<f32>(accessor, &[N], Integers::AsMarked)?;
-        let vectors = values.as_chunks::<N>().0.to_vec();
+        let column = self.accessors.column(accessor, &[N], Integers::AsMarked)?;
+        self.take(accessor, (column.count, size_of::<[f32; N]>()))?;
+        let vectors = column.values::<f32>().as_chunks::<N>().0.to_vec();
         self.check(accessor, what, &vectors, count)?;
         Ok(vectors)
     }
@@ -124,7 +127,7 @@ impl Reader<'_, '_> {
         } else {
             return Ok(());
         };
-        Err(self.file.malformed(Place::Part(format!("accessor {}", accessor.value())), problem))
+        Err(self.accessors.file.malformed(Place::Part(format!("accessor {}", accessor.value())), problem))
     }
 
     /// Linear colours, which integers give as shares.
@@ -134,9 +137,10 @@ impl Reader<'_, '_> {
         count: Option<usize>,
         opaque: bool,
     ) -> Result<Vec<Vec4>, ImportError> {
-        let (width, values) = self.accessors().read::<f32>(accessor, &[3, 4], Integers::Normalized)?;
+        let column = self.accessors.column(accessor, &[3, 4], Integers::Normalized)?;
+        self.take(accessor, (column.count, size_of::<[f32; 4]>()))?;
         let color = |c: &[f32]| [c[0], c[1], c[2], c.get(3).copied().filter(|_| !opaque).unwrap_or(1.0)];
-        let colors: Vec<[f32; 4]> = values.chunks_exact(width).map(color).collect();
+        let colors: Vec<[f32; 4]> = column.values::<f32>().chunks_exact(column.width).map(color).collect();
         self.check(accessor, "COLOR_0", &colors, count)?;
         Ok(colors.into_iter().map(|color| Vec4::from_array(color).clamp(Vec4::ZERO, Vec4::ONE)).collect())
     }
@@ -149,19 +153,31 @@ impl Reader<'_, '_> {
         place: Place,
     ) -> Result<Vec<u32>, ImportError> {
         let Ok(limit) = u32::try_from(positions) else {
-            return Err(self.file.malformed(place, "has more than 2^32 positions"));
+            return Err(self.accessors.file.malformed(place, "has more than 2^32 positions"));
         };
         let Some(accessor) = indices else { return Ok((0..limit).collect()) };
-        let (_, indices) = self.accessors().read::<f64>(accessor, &[1], Integers::AsMarked)?;
-        let fits = |index: &f64| *index >= 0.0 && *index < f64::from(limit) && index.fract() == 0.0;
-        match indices.iter().position(|index| !fits(index)) {
-            Some(at) => {
-                let problem =
-                    format!("index {at} is {}; it must be a whole number below {limit}", indices[at]);
-                Err(self.file.malformed(Place::Part(format!("accessor {}", accessor.value())), problem))
-            }
-            None => Ok(indices.into_iter().map(|index| index as u32).collect()),
+        let column = self.accessors.column(accessor, &[1], Integers::AsMarked)?;
+        let malformed = |problem: String| {
+            self.accessors.file.malformed(Place::Part(format!("accessor {}", accessor.value())), problem)
+        };
+        if !matches!(column.scalar, Scalar::U8 | Scalar::U16 | Scalar::U32) {
+            return Err(malformed(
+                "indices must be unsigned integers (componentType 5121, 5123 or 5125)".into(),
+            ));
         }
+        // As corners and as triangles.
+        self.take(accessor, (2 * column.count, size_of::<u32>()))?;
+        let indices = column.values::<u32>();
+        match indices.iter().position(|index| *index >= limit) {
+            Some(at) => Err(malformed(format!("index {at} is {}; it must be below {limit}", indices[at]))),
+            None => Ok(indices),
+        }
+    }
+
+    /// Takes memory for an accessor's elements.
+    fn take(&self, accessor: Index<Accessor>, bytes: (usize, usize)) -> Result<(), ImportError> {
+        let place = || Place::Part(format!("accessor {}", accessor.value()));
+        self.accessors.buffers.budget().take(self.accessors.file, place, bytes)
     }
 }
 

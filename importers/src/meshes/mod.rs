@@ -3,4 +3,5 @@
 pub(crate) mod geometry;
 mod mtl;
 pub mod obj;
+pub mod stl;
 pub(crate) mod texture;

@@ -1,4 +1,4 @@
-//! Images on surfaces: PNG and JPEG.
+//! Images on surfaces: PNG, JPEG and WebP.
 
 use crate::file::File;
 use crate::{ImportError, Place};
@@ -9,14 +9,15 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// Decoded bytes for each byte of a file, at most: PNG (deflate, 1032) and JPEG reach about a thousand with
-/// blank images; RGBA from one channel of one bit adds up to 32.
+/// blank images, WebP more; RGBA from one channel of one bit adds up to 32.
 const EXPANSION_LIMIT: u64 = 32 * 1032;
 const MEMORY_LIMIT: u64 = 1 << 30;
 
 /// Decodes an image; what is wrong comes back as a sentence.
 pub(crate) fn decode(bytes: &[u8], wrap: [Wrap; 2]) -> Result<Texture, String> {
-    let problem =
-        |error: image::ImageError| format!("the image cannot be decoded (PNG or JPEG is needed): {error}");
+    let problem = |error: image::ImageError| {
+        format!("the image cannot be decoded (PNG, JPEG or WebP is needed): {error}")
+    };
     let mut reader = ImageReader::new(Cursor::new(bytes))
         .with_guessed_format()
         .map_err(|error| problem(image::ImageError::IoError(error)))?;

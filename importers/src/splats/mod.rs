@@ -21,7 +21,9 @@ pub(crate) mod packed;
 pub mod sog;
 pub mod splat;
 pub mod spz;
+mod rotate;
 mod trained;
 
 pub(crate) use gather::{ROWS, Sink, Training, gather};
-pub(crate) use trained::{LARGEST_LOG_SCALE, Trained, log_scale, trained};
+pub(crate) use rotate::Turn;
+pub(crate) use trained::{LARGEST_LOG_SCALE, Trained, half_axes, log_scale, of_half_axes, trained};

@@ -130,9 +130,7 @@ impl Trained {
 /// Splat `index` of splats with opacities as training would write it, without a filter; `None` for other strengths.
 pub(crate) fn trained(splats: &Splats, index: usize) -> Option<Trained> {
     let Strength::Opacity { peaks, .. } = &splats.strength else { return None };
-    let factor = splats.shapes.factor(index).as_dmat3();
-    let lengths = [factor.x_axis, factor.y_axis, factor.z_axis].map(DVec3::length);
-    let rotation = rotation(factor, lengths);
+    let (log_scales, rotation) = of_half_axes(splats.shapes.factor(index).as_dmat3());
     let mut harmonics = [[0.0; 3]; MOST_HARMONICS];
     if let Some(of_all) = &splats.harmonics {
         let count = of_all.per_splat();
@@ -140,13 +138,44 @@ pub(crate) fn trained(splats: &Splats, index: usize) -> Option<Trained> {
     }
     Some(Trained {
         center: splats.centers[index].to_array(),
-        log_scales: lengths.map(|length| length.ln() as f32),
-        rotation: [rotation.w, rotation.x, rotation.y, rotation.z].map(|c| c as f32),
+        log_scales,
+        rotation,
         opacity: peaks[index],
         color: splats.colors[index].map(linear_to_srgb),
         filter: 0.0,
         harmonics,
     })
+}
+
+/// The log scales and the quaternion (w x y z) of half-axes, the columns of a matrix; their signs don't matter.
+pub(crate) fn of_half_axes(factor: DMat3) -> ([f32; 3], [f32; 4]) {
+    let lengths = [factor.x_axis, factor.y_axis, factor.z_axis].map(DVec3::length);
+    let rotation = rotation(factor, lengths);
+    let quaternion = [rotation.w, rotation.x, rotation.y, rotation.z];
+    (lengths.map(|length| length.ln() as f32), quaternion.map(|c| c as f32))
+}
+
+/// The half-axes F of Σ = A Aᵀ: the columns of A turned into each other until they are orthogonal.
+///
+/// Hestenes, *Inversion of Matrices by Biorthogonalization and Related Results*, 1958: Σ is never formed, so the short
+/// axes of flat splats keep their digits.
+pub(crate) fn half_axes(factor: DMat3) -> DMat3 {
+    let mut axes = [factor.x_axis, factor.y_axis, factor.z_axis];
+    // Three axes converge quadratically; six rounds are twice what the worst need.
+    for _ in 0..6 {
+        for (i, j) in [(0, 1), (0, 2), (1, 2)] {
+            let (a, b, product) = (axes[i].length_squared(), axes[j].length_squared(), axes[i].dot(axes[j]));
+            if product.abs() <= f64::EPSILON * (a * b).sqrt() {
+                continue;
+            }
+            let half_difference = (b - a) / (2.0 * product);
+            let tangent = half_difference.signum() / (half_difference.abs() + half_difference.hypot(1.0));
+            let cos = 1.0 / tangent.hypot(1.0);
+            let sin = cos * tangent;
+            (axes[i], axes[j]) = (axes[i] * cos - axes[j] * sin, axes[i] * sin + axes[j] * cos);
+        }
+    }
+    DMat3::from_cols_array_2d(&axes.map(|axis| axis.to_array()))
 }
 
 /// The rotation of half-axes of these lengths, any of which may be 0.
@@ -189,6 +218,22 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn half_axes_are_orthogonal_and_of_the_same_covariance(
+            entries in prop::array::uniform9(-1.0..1.0f64),
+            powers in prop::array::uniform3(-6..1),
+        ) {
+            let scales = DVec3::from(powers.map(|power| 10f64.powi(power)));
+            let factor = DMat3::from_cols_array(&entries) * DMat3::from_diagonal(scales);
+            let found = half_axes(factor);
+            let difference = found * found.transpose() - factor * factor.transpose();
+            // Each round turns by exact rotations: a few roundings of the largest entry, which is below 3.
+            prop_assert!(difference.abs_diff_eq(DMat3::ZERO, 1e-14), "{}", difference);
+            for (a, b) in [(found.x_axis, found.y_axis), (found.x_axis, found.z_axis), (found.y_axis, found.z_axis)] {
+                prop_assert!(a.dot(b).abs() <= 1e-12 * a.length() * b.length(), "{}", found);
+            }
+        }
+
         #[test]
         fn there_and_back(
             q in prop::array::uniform4(-1.0..1.0f32),

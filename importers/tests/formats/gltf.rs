@@ -1,11 +1,13 @@
 use crate::common::{Folder, TEXELS, base64, png, refused};
 use glam::{DVec3, Vec2, Vec3, Vec4};
+use oblate_importers::{Note, OpenOptions};
 use oblate_surfels::{Texture, Wrap};
 
 /// Bytes of numbers.
 macro_rules! le {
     ($type:ty: $($value:expr),* $(,)?) => { [$(<$type>::to_le_bytes($value)),*].concat() };
 }
+pub(crate) use le;
 
 /// Four corners of a unit square; the views of the example's buffer.
 fn buffer() -> Vec<u8> {
@@ -45,7 +47,7 @@ fn json(place: &str, image: &str) -> String {
     )
 }
 
-fn glb(json: &str, binary: &[u8]) -> Vec<u8> {
+pub(crate) fn glb(json: &str, binary: &[u8]) -> Vec<u8> {
     let mut json = json.as_bytes().to_vec();
     json.resize(json.len().next_multiple_of(4), b' ');
     let mut binary = binary.to_vec();
@@ -229,6 +231,115 @@ fn quantized_and_sparse() {
     folder.refused("a.glb", glb(&huge, &bytes), &["accessor 0", "99999999999"]);
 }
 
+/// KHR_mesh_quantization: all its types, for positions, normals and texture coordinates.
+#[test]
+fn quantized_attributes() {
+    let folder = Folder::new();
+    // The type, and bytes of low, high and one half of it.
+    let types: [(u32, [Vec<u8>; 3], [f32; 3], f32); 4] = [
+        (5120, [vec![0x81], vec![127], vec![64]], [-127.0, 127.0, 64.0], 127.0),
+        (5121, [vec![0], vec![255], vec![51]], [0.0, 255.0, 51.0], 255.0),
+        (5122, [le!(i16: -32768), le!(i16: 32767), le!(i16: 7)], [-32768.0, 32767.0, 7.0], 32767.0),
+        (5123, [le!(u16: 0), le!(u16: 65535), le!(u16: 3)], [0.0, 65535.0, 3.0], 65535.0),
+    ];
+    for (code, words, numbers, largest) in types {
+        for normalized in [false, true] {
+            let stride = 4 * words[0].len();
+            // Three elements of three numbers each, moved on by one: low, high, middle.
+            let mut element: Vec<Vec<u8>> = Vec::new();
+            for first in 0..3 {
+                let mut bytes: Vec<u8> = (first..first + 3).flat_map(|n| words[n % 3].clone()).collect();
+                bytes.resize(stride, 99);
+                element.push(bytes);
+            }
+            let binary = element.concat();
+            let accessor = |kind: &str| {
+                format!(
+                    r#"{{"bufferView":0,"componentType":{code},"count":3,"type":"{kind}","normalized":{normalized}}}"#
+                )
+            };
+            let json = format!(
+                r#"{{"asset":{{"version":"2.0"}},"extensionsRequired":["KHR_mesh_quantization"],"nodes":[{{"mesh":0}}],
+"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0,"NORMAL":0,"TEXCOORD_0":1}},"material":0}}]}}],
+"materials":[{{"pbrMetallicRoughness":{{"baseColorTexture":{{"index":0}}}}}}],"textures":[{{"source":0}}],
+"images":[{{"uri":"data:image/png;base64,{}"}}],"accessors":[{},{}],
+"bufferViews":[{{"buffer":0,"byteLength":{length},"byteStride":{stride}}}],"buffers":[{{"byteLength":{length}}}]}}"#,
+                base64(&png()),
+                accessor("VEC3"),
+                accessor("VEC2"),
+                length = binary.len(),
+            );
+            let primitive = folder.primitive("a.glb", glb(&json, &binary));
+            let number =
+                |n: usize| if normalized { (numbers[n % 3] / largest).max(-1.0) } else { numbers[n % 3] };
+            let wanted =
+                [0, 1, 2].map(|first| Vec3::new(number(first), number(first + 1), number(first + 2)));
+            assert_eq!(primitive.positions, wanted, "{code} {normalized}");
+            assert_eq!(primitive.normals.unwrap(), wanted);
+            assert_eq!(primitive.tex_coords.unwrap(), wanted.map(|v| v.truncate()));
+        }
+    }
+}
+
+#[test]
+fn what_is_not_shown_is_noted_once() {
+    let folder = Folder::new();
+    let notes = |pairs: &[(&str, &str)]| folder.open("a.glb", changed(pairs)).unwrap().notes;
+    assert_eq!(notes(&[]), [Note::LeftOut("1 primitive of points or lines".into())]);
+    assert_eq!(notes(&[(", {\"attributes\": {\"POSITION\": 0}, \"mode\": 0}", "")]), []);
+    let more = r#""cameras": [{"type": "perspective", "perspective": {"yfov": 1, "znear": 1}},
+        {"type": "perspective", "perspective": {"yfov": 1, "znear": 1}}],
+        "animations": [{"channels": [], "samplers": []}], "extensionsUsed": ["KHR_lights_punctual"], "asset""#;
+    let instances = r#""extensions": {"EXT_mesh_gpu_instancing": {"attributes": {}}}, "mesh": 0, "rot"#;
+    let text = "1 animation, 2 cameras, lights, 1 primitive of points or lines, \
+        instances of 1 mesh (EXT_mesh_gpu_instancing), shown once";
+    assert_eq!(
+        notes(&[("\"asset\"", more), ("\"mesh\": 0, \"rot", instances)]),
+        [Note::LeftOut(text.into())]
+    );
+}
+
+#[test]
+fn images_of_extensions() {
+    let folder = Folder::new();
+    let mut webp = std::io::Cursor::new(Vec::new());
+    let (color, format) = (image::ExtendedColorType::Rgba8, image::ImageFormat::WebP);
+    image::write_buffer_with_format(&mut webp, &TEXELS.concat(), 2, 2, color, format).unwrap();
+    let uri = format!("{{\"uri\": \"data:image/webp;base64,{}\"}}", base64(webp.get_ref()));
+    let file = |texture: &str| {
+        let text = json("", &format!("{EMBEDDED}, {uri}")).replace("{\"source\": 0, ", texture).replace(
+            "\"asset\"",
+            "\"extensionsRequired\": [\"EXT_texture_webp\", \"KHR_texture_basisu\"], \"asset\"",
+        );
+        glb(&text, &buffer())
+    };
+    let wanted = folder.mesh("a.glb", example_glb());
+    assert_eq!(folder.mesh("a.glb", file(r#"{"extensions": {"EXT_texture_webp": {"source": 1}}, "#)), wanted);
+    // What every program reads comes first.
+    let both = r#"{"extensions": {"KHR_texture_basisu": {"source": 7}}, "source": 0, "#;
+    assert_eq!(folder.mesh("a.glb", file(both)), wanted);
+    let alone = r#"{"extensions": {"KHR_texture_basisu": {"source": 1}}, "#;
+    folder.refused("a.glb", file(alone), &["texture 0", "KHR_texture_basisu", "PNG, JPEG and WebP"]);
+}
+
+/// Small files that come to much: what is set as a limit is one.
+#[test]
+fn memory_is_limited() {
+    let folder = Folder::new();
+    let refuse = |bytes: Vec<u8>, max_memory: u64, parts: &[&str]| {
+        let options = OpenOptions { max_memory, ..OpenOptions::default() };
+        refused(folder.open_with("a.glb", bytes, &options), "a.glb", parts);
+    };
+    let nodes = |count: usize| {
+        let nodes = vec![r#"{"mesh": 0}"#; count].join(", ");
+        changed(&[(r#", {"mesh": 0}]"#, &format!(", {nodes}]")), ("\"scene\": 0,", "")])
+    };
+    assert_eq!(folder.mesh("a.glb", nodes(100)).primitives.len(), 101);
+    refuse(nodes(100), 200_000, &["unpacks to more than 200000 bytes"]);
+    refuse(nodes(10_000), 1 << 20, &["JSON", "unpacks to more than 1048576 bytes"]);
+    refuse(example_glb(), 100, &["JSON", "100 bytes"]);
+}
+
 #[test]
 fn alpha_and_moved_textures() {
     let folder = Folder::new();
@@ -253,6 +364,11 @@ fn alpha_and_moved_textures() {
         (uvs[1] - Vec2::new(0.5, -2.0)).length() < 1e-5 && (uvs[3] - Vec2::new(3.5, 0.0)).length() < 1e-5,
         "{uvs:?}"
     );
+    // The transform may name other coordinates than the texture.
+    let elsewhere =
+        r#""texCoord": 7, "extensions": {"KHR_texture_transform": {"texCoord": 1, "offset": [0.25, 0.5]}}"#;
+    let uvs = folder.primitive("a.glb", changed(&[("\"texCoord\": 1", elsewhere)])).tex_coords.unwrap();
+    assert_eq!(uvs[2], Vec2::new(1.25, 1.5));
     folder.refused(
         "a.glb",
         changed(&[("\"texCoord\": 1", "\"texCoord\": 0")]),
@@ -278,7 +394,9 @@ fn what_is_wrong_is_said() {
     let refuse =
         |from: &str, to: &str, parts: &[&str]| drop(folder.refused("a.glb", changed(&[(from, to)]), parts));
     let required = "\"extensionsRequired\": [\"KHR_draco_mesh_compression\"], \"asset\"";
-    refuse("\"asset\"", required, &["KHR_draco_mesh_compression", "not supported"]);
+    let instances = required.replace("KHR_draco_mesh_compression", "EXT_mesh_gpu_instancing");
+    refuse("\"asset\"", &instances, &["EXT_mesh_gpu_instancing", "not supported"]);
+    refuse("\"asset\"", required, &["KHR_draco_mesh_compression", "not supported", "save it without Draco"]);
     refuse("\"2.0\"", "\"1.0\"", &["version 2"]);
     refuse("\"mesh\": 0, \"rot", "\"mesh\": 5, \"rot", &["mesh 5", "not there"]);
     refuse("\"mesh\": 0, \"rot", "\"skin\": 0, \"mesh\": 0, \"rot", &["node 1", "skin"]);
@@ -303,9 +421,9 @@ fn what_is_wrong_is_said() {
     refuse("\"material\": 0", "\"material\": 3", &["material 3"]);
     refuse("\"index\": 0", "\"index\": 3", &["texture 3"]);
     refuse("\"sampler\": 0", "\"sampler\": 3", &["texture 0", "sampler"]);
-    refuse("\"source\": 0, ", "", &["texture 0", "PNG and JPEG"]);
+    refuse("\"source\": 0, ", "", &["texture 0", "PNG, JPEG and WebP"]);
     refuse("{\"bufferView\": 5,", "{", &["image 0", "neither"]);
-    refuse("{\"bufferView\": 5,", "{\"bufferView\": 0,", &["image 0", "PNG or JPEG"]);
+    refuse("{\"bufferView\": 5,", "{\"bufferView\": 0,", &["image 0", "PNG, JPEG or WebP"]);
     refuse("[0.5, 1, 1, 0.25]", "[0.5, 1, 7, 0.25]", &["material 0", "[0, 1]"]);
     refuse("\"BLEND\"", "\"BLUR\"", &["material 0", "OPAQUE"]);
     refuse("\"version\"", "\"version", &["JSON line 1"]);

@@ -5,6 +5,8 @@
 mod common;
 mod dicom;
 mod gltf;
+mod gltf_packed;
+mod gltf_splats;
 mod ksplat;
 mod meta_image;
 mod mutation;
@@ -22,6 +24,7 @@ mod splat;
 mod splat_notes;
 mod splats;
 mod spz;
+mod stl;
 mod surfels;
 mod tiff;
 mod vti;

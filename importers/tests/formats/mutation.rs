@@ -125,7 +125,7 @@ macro_rules! mutated {
     };
 }
 
-mutated!(dicom gltf ksplat meta_image nifti nrrd obj packed ply raw sog splat splats spz surfels tiff vti vtk);
+mutated!(dicom gltf gltf_splats ksplat meta_image nifti nrrd obj packed ply raw sog splat splats spz stl surfels tiff vti vtk);
 
 #[test]
 fn material_libraries() {

@@ -87,7 +87,7 @@ fn what_is_named_must_be_there() {
     folder.write("my colours.mtl", COLOURS);
     refused(folder.open("a.obj", TWO), "my colours.mtl", &["line 9", "a skin.png"]);
     folder.write("a skin.png", &png()[..40]);
-    refused(folder.open("a.obj", TWO), "a skin.png", &["PNG or JPEG"]);
+    refused(folder.open("a.obj", TWO), "a skin.png", &["PNG, JPEG or WebP"]);
     folder.write("a skin.png", png());
     folder.refused("a.obj", TWO.replace("usemtl skin", "usemtl fur"), &["line 8", "\"fur\""]);
     // A library may be named after its materials are used.

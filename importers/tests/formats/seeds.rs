@@ -149,6 +149,19 @@ pub(crate) fn gltf() -> Vec<Seed> {
     ]
 }
 
+pub(crate) fn gltf_splats() -> Vec<Seed> {
+    vec![alone("a.glb", crate::gltf_splats::example_glb())]
+}
+
+#[cfg(feature = "meshopt")]
+pub(crate) fn gltf_packed() -> Vec<Seed> {
+    vec![alone("a.glb", crate::gltf_packed::example_glb())]
+}
+
+pub(crate) fn stl() -> Vec<Seed> {
+    vec![alone("a.stl", crate::stl::binary()), alone("a.stl", crate::stl::ascii())]
+}
+
 pub(crate) fn obj() -> Vec<Seed> {
     let text = "mtllib a.mtl\nv 0 0 0 1 0.5 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\nusemtl a\n\
         f 1/1/1 2/1/1 3/2/1 4/2/1\nf -1//-1 -2//-1 -3//-1\n";
