@@ -11,6 +11,9 @@ pub(crate) enum Format {
     Ply,
     Nrrd,
     Vti,
+    Las,
+    Pcd,
+    Xyz,
     Raw,
 }
 
@@ -31,6 +34,9 @@ impl Format {
             Some("ply") => Self::Ply,
             Some("nrrd" | "nhdr") => Self::Nrrd,
             Some("vti") => Self::Vti,
+            Some("las" | "laz") => Self::Las,
+            Some("pcd") => Self::Pcd,
+            Some("xyz" | "xyzrgb" | "xyzn" | "pts" | "asc" | "csv" | "txt") => Self::Xyz,
             Some("raw" | "gz") => Self::Raw,
             _ if looks_like_obj(&file.bytes) => Self::Obj,
             _ => Self::Raw,
@@ -49,6 +55,10 @@ impl Format {
             Some(Self::Nrrd)
         } else if head.starts_with(b"<") && contains(head, b"<VTKFile") {
             Some(Self::Vti)
+        } else if bytes.starts_with(b"LASF") {
+            Some(Self::Las)
+        } else if bytes.starts_with(b"# .PCD") {
+            Some(Self::Pcd)
         } else {
             None
         }
@@ -69,6 +79,9 @@ impl Format {
             Self::Ply => "PLY",
             Self::Nrrd => "NRRD",
             Self::Vti => "VTI",
+            Self::Las => "LAS",
+            Self::Pcd => "PCD",
+            Self::Xyz => "XYZ",
             Self::Raw => "raw",
         }
     }

@@ -6,9 +6,12 @@
 //! |---|---|---|
 //! | glTF 2.0, GLB | mesh | [`gltf`](mod@gltf) |
 //! | OBJ with MTL and textures | mesh | [`meshes::obj`] |
-//! | PLY, ascii and binary | mesh, or trained splats | [`ply`] |
+//! | PLY, ascii and binary | mesh, points, or trained splats | [`ply`] |
 //! | NRRD, attached and detached | volume | [`volumes::nrrd`] |
 //! | VTI (VTK ImageData) | volume | [`volumes::vti`] |
+//! | LAS, LAZ | points | [`points::las`] |
+//! | PCD | points | [`points::pcd`] |
+//! | XYZ, PTS and other text | points | [`points::xyz`] |
 //! | raw samples, also under gzip | volume | [`volumes::raw`] |
 //!
 //! Nothing a file says is believed before the file's own size was asked: declared sizes are compared with
@@ -27,6 +30,7 @@ pub mod gltf;
 mod inflate;
 pub mod meshes;
 pub mod ply;
+pub mod points;
 mod scalar;
 pub mod splats;
 pub mod volumes;
@@ -39,6 +43,7 @@ use file::File;
 use format::Format;
 use glam::DVec3;
 use meshes::obj;
+use points::{las, pcd, xyz};
 use std::path::{Path, PathBuf};
 use volumes::{nrrd, raw, vti};
 
@@ -82,6 +87,9 @@ pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Opened, Imp
         Format::Ply => ply::read(file, options),
         Format::Nrrd => nrrd::read(&file, options).map(Opened::from),
         Format::Vti => vti::read(&file, options).map(Opened::from),
+        Format::Las => las::read(&file, options),
+        Format::Pcd => pcd::read(&file, options),
+        Format::Xyz => xyz::read(&file),
         Format::Raw => raw::read(&file, options).map(Opened::from),
     }?;
     Ok(Opened { format: format.name(), up: format.up().unwrap_or(opened.up), ..opened })

@@ -86,18 +86,18 @@ impl<'a> Body<'a> {
     }
 
     /// Reads a row's numbers to their places in `record`; there is a place or none for each property.
-    pub(crate) fn record(
+    pub(crate) fn record<T: FromF64>(
         &mut self,
         element: &Element,
         row: usize,
         places: &[Option<usize>],
-        record: &mut [f32],
+        record: &mut [T],
     ) -> Result<(), ImportError> {
         self.begin_row(element, row)?;
         for (property, place) in element.properties.iter().zip(places) {
             match (property.kind, place) {
-                (Kind::Scalar(scalar), Some(place)) => record[*place] = self.next(scalar)? as f32,
-                (kind, _) => self.read::<f32>(kind, None)?,
+                (Kind::Scalar(scalar), Some(place)) => record[*place] = T::from_f64(self.next(scalar)?),
+                (kind, _) => self.read::<T>(kind, None)?,
             }
         }
         self.end_row(element, row)

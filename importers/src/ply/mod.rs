@@ -1,4 +1,4 @@
-//! PLY: meshes and trained Gaussian splats; ascii, binary little- and big-endian.
+//! PLY: meshes, points and trained Gaussian splats; ascii, binary little- and big-endian.
 //!
 //! Properties are found by their names, whatever their order and number types; other elements and properties
 //! are skipped.
@@ -30,17 +30,25 @@
 //!   v grows upwards, as in OBJ, and is flipped. `comment TextureFile NAME` names the image.
 //! - `vertex_indices` or `vertex_index`: polygons become fans; faces of fewer than three corners are none.
 //!   Colours of whole faces are not read.
+//!
+//! **Points** are the vertices of any other file without faces:
+//! - `x y z`; `nx ny nz` or `normal_x normal_y normal_z`; `radius`.
+//! - `red green blue` (also `diffuse_red` and so on, or `r g b`) as of meshes.
+//! - `intensity`, `scalar_Intensity` or `scalar_intensity`, else the first property whose name begins with `scalar_`.
+//!
+//! See [`crate::points`]. What other elements with rows the file has is noted.
 
 mod body;
 mod header;
 mod mesh;
+mod points;
 mod splats;
 
 use crate::file::File;
 use crate::{ImportError, OpenOptions, Opened, Place};
 use header::Header;
 
-/// Reads a mesh or splats. The file is given up as soon as it can be: it may be large.
+/// Reads a mesh, points or splats. The file is given up as soon as it can be: it may be large.
 pub(crate) fn read(file: File, options: &OpenOptions) -> Result<Opened, ImportError> {
     let header = Header::parse(&file)?;
     let has_faces = header.element("face").is_some_and(|faces| faces.rows > 0);
@@ -51,6 +59,8 @@ pub(crate) fn read(file: File, options: &OpenOptions) -> Result<Opened, ImportEr
         Err(file.unsupported(Place::Whole, feature))
     } else if ["f_dc_0", "scale_0", "rot_0"].iter().any(has) {
         splats::read(&file, &header)
+    } else if vertex.is_some() {
+        points::read(&file, &header)
     } else {
         mesh::read(&file, &header, options).map(Opened::from)
     }
