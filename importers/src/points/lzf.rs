@@ -18,11 +18,16 @@ pub(super) fn unpack(compressed: &[u8], expected: usize) -> Result<Vec<u8>, Stri
     let mut bytes = Vec::with_capacity(expected);
     let mut rest = compressed;
     let ends = || "the compressed data end in the middle of a copy".to_owned();
+    let room = |length: usize, bytes: &[u8]| {
+        let more = || format!("decompressed to more than the {expected} bytes that are expected");
+        if length <= expected - bytes.len() { Ok(()) } else { Err(more()) }
+    };
     while let Some((&control, after)) = rest.split_first() {
         rest = after;
         let control = usize::from(control);
         if control < 32 {
             let (literals, after) = rest.split_at_checked(control + 1).ok_or_else(ends)?;
+            room(literals.len(), &bytes)?;
             bytes.extend_from_slice(literals);
             rest = after;
         } else {
@@ -39,24 +44,16 @@ pub(super) fn unpack(compressed: &[u8], expected: usize) -> Result<Vec<u8>, Stri
             let from = bytes.len().checked_sub(back);
             let from =
                 from.ok_or_else(|| format!("a copy begins {back} bytes back, after {} bytes", bytes.len()))?;
-            if length > expected - bytes.len().min(expected) {
-                break;
-            }
+            room(length, &bytes)?;
             // Copies may overlap what they make.
             for at in from..from + length {
                 bytes.push(bytes[at]);
             }
         }
-        if bytes.len() > expected {
-            break;
-        }
     }
     match bytes.len() {
-        found if found == expected && rest.is_empty() => Ok(bytes),
-        found if found < expected && rest.is_empty() => {
-            Err(format!("decompressed to {found} bytes; {expected} are expected"))
-        }
-        _ => Err(format!("decompressed to more than the {expected} bytes that are expected")),
+        found if found == expected => Ok(bytes),
+        found => Err(format!("decompressed to {found} bytes; {expected} are expected")),
     }
 }
 

@@ -84,7 +84,9 @@ impl Header {
                     match numbers.as_deref() {
                         Some(&[x, y, z, ..]) if rest.len() == 7 => viewpoint = Some(DVec3::new(x, y, z)),
                         _ => {
-                            return Err(malformed("VIEWPOINT has seven numbers, tx ty tz qw qx qy qz".into()));
+                            return Err(malformed(
+                                "VIEWPOINT has seven numbers, tx ty tz qw qx qy qz".into(),
+                            ));
                         }
                     }
                 }

@@ -4,12 +4,15 @@
 
 mod common;
 mod gltf;
+mod las;
 mod mutation;
 mod nrrd;
 mod obj;
+mod pcd;
 mod ply;
 mod raw;
 mod real_data;
 mod seeds;
 mod splats;
 mod vti;
+mod xyz;

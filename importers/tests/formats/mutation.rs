@@ -5,6 +5,7 @@ use crate::common::{Folder, png};
 use crate::seeds::{self, Seed};
 use oblate_engine::Cloud;
 use oblate_importers::{Content, Opened};
+use oblate_surfels::{PointError, PointSettings, point_surfels};
 use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::Index;
@@ -66,6 +67,11 @@ pub(crate) fn check(opened: &Opened) {
             assert!(Cloud::new(splats.clone()).is_ok_and(|cloud| !cloud.is_empty()));
             return;
         }
+        Content::Points(points) => {
+            let surfels = point_surfels(points, &PointSettings::default());
+            assert!(matches!(surfels, Ok(_) | Err(PointError::Size(_))), "{surfels:?}");
+            return;
+        }
         _ => return,
     };
     for primitive in &mesh.primitives {
@@ -120,7 +126,7 @@ macro_rules! mutated {
     };
 }
 
-mutated!(gltf nrrd obj ply raw splats vti);
+mutated!(gltf las laz_layered laz_pointwise nrrd obj pcd ply points raw splats vti xyz);
 
 #[test]
 fn material_libraries() {
