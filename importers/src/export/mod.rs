@@ -10,7 +10,20 @@
 //! what shines through between them is below 3 %. Kernels with extinctions don't: their opacity differs from side
 //! to side.
 
+mod gaussian_ply;
+mod nrrd;
+mod records;
+mod samples;
+mod splat;
+mod spz;
+mod surfel_ply;
+mod vti;
+
 use crate::{Content, Note};
+use oblate_engine::cloud::Surface;
+use oblate_engine::{Blend, Material, OpacityFilter, Splats, Strength};
+use samples::Packing;
+use std::borrow::Cow;
 use std::io::{self, Write};
 use std::path::Path;
 use thiserror::Error;
@@ -96,6 +109,61 @@ impl Target {
 /// When the format does not hold such contents, or `out` fails.
 pub fn save(content: &Content, target: Target, out: &mut dyn Write) -> Result<Vec<Note>, ExportError> {
     match (content, target) {
-        _ => Err(ExportError::Unsuited("not yet".into())),
+        (Content::Volume(volume), Target::Nrrd) => nrrd::write(volume, Packing::Deflated, out),
+        (Content::Volume(volume), Target::Vti) => vti::write(volume, Packing::Deflated, out),
+        (Content::Splats { splats, blend }, target) if !target.holds_volumes() => {
+            save_splats(splats, *blend, target, out)
+        }
+        _ if target.holds_volumes() => {
+            Err(ExportError::Unsuited(format!("{} holds volumes; this is none", target.name())))
+        }
+        _ => Err(ExportError::Unsuited(format!(
+            "{} holds splats; make surfels or kernels first",
+            target.name()
+        ))),
+    }
+}
+
+fn save_splats(
+    splats: &Splats,
+    blend: Blend,
+    target: Target,
+    out: &mut dyn Write,
+) -> Result<Vec<Note>, ExportError> {
+    if target == Target::SurfelPly {
+        return surfel_ply::write(splats, blend, out);
+    }
+    let (gaussians, assumed) = match &splats.strength {
+        Strength::Opacity { .. } => (Cow::Borrowed(splats), None),
+        Strength::Surface(surface) => {
+            let note = "surfels are written as flat Gaussians with the surface's opacity, in their own colours without light";
+            (Cow::Owned(flat_gaussians(splats, surface)), Some(Note::Assumed(note.into())))
+        }
+        Strength::Extinction { .. } => {
+            let problem = format!(
+                "{} holds opacities, but these kernels have extinctions, whose opacity depends on the side that is \
+                 seen; surfel-ply holds them",
+                target.name()
+            );
+            return Err(ExportError::Unsuited(problem));
+        }
+    };
+    let notes = match target {
+        Target::GaussianPly => gaussian_ply::write(&gaussians, blend, out),
+        Target::Splat => splat::write(&gaussians, out),
+        Target::Spz => spz::write(&gaussians, blend, out),
+        _ => Err(ExportError::Unsuited("glb is not written yet".into())),
+    }?;
+    Ok(assumed.into_iter().chain(notes).collect())
+}
+
+/// Surfels as Gaussians of peak opacity.
+fn flat_gaussians(splats: &Splats, surface: &Surface) -> Splats {
+    let peaks = surface.opacities.clone().unwrap_or_else(|| vec![1.0; splats.centers.len()]);
+    Splats {
+        strength: Strength::Opacity { peaks, filter: OpacityFilter::Classic },
+        normals: None,
+        material: Material::UNLIT,
+        ..splats.clone()
     }
 }

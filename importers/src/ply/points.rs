@@ -33,23 +33,7 @@ const NAMES: [(usize, &[&str]); 10] = [
 const ATTRIBUTE: &str = "scalar_";
 
 /// Reads points: the vertices of a file without faces.
-pub(super) fn read(file: &File, header: &Header) -> Result<Opened, ImportError> {
-    let mut body = Body::new(file, header);
-    for element in &header.elements {
-        if element.name == "vertex" {
-            let mut opened = vertices(file, body, element)?;
-            let others = header.elements.iter().filter(|other| other.name != "vertex" && other.rows > 0);
-            let note =
-                |other: &Element| Note::LeftOut(format!("{} rows of element {:?}", other.rows, other.name));
-            opened.notes.extend(others.map(note));
-            return Ok(opened);
-        }
-        drop(body.gather::<f32>(element, &[])?);
-    }
-    Err(file.malformed(Place::Whole, "there is no element \"vertex\""))
-}
-
-fn vertices(file: &File, body: Body<'_>, element: &Element) -> Result<Opened, ImportError> {
+pub(super) fn read(file: &File, header: &Header, element: &Element) -> Result<Opened, ImportError> {
     let mut places: Vec<Option<usize>> = vec![None; element.properties.len()];
     let property = |name: &str| element.properties.iter().position(|property| property.name == name);
     for (number, names) in NAMES {
@@ -84,22 +68,21 @@ fn vertices(file: &File, body: Body<'_>, element: &Element) -> Result<Opened, Im
         Kind::Scalar(scalar) => scalar.integer_max(),
         Kind::List { .. } => None,
     });
-    let (mut bodies, _) = body.split(element, element.rows.max(1))?;
+    let mut body = Body::at(file, header, element)?;
     let mut gather = Gather::new(element.rows, has);
-    let mut record = [0.0_f64; NUMBERS];
-    for body in &mut bodies {
-        for row in 0..element.rows {
-            body.record(element, row, &places, &mut record)?;
-            let three = |at: usize| [record[at], record[at + 1], record[at + 2]];
-            gather.put(&Point {
-                position: DVec3::from(three(POSITION)),
-                color: three(COLOR).map(|c| c as f32),
-                normal: Vec3::from(three(NORMAL).map(|c| c as f32)),
-                intensity: record[INTENSITY] as f32,
-                radius: record[RADIUS] as f32,
-            });
-        }
-    }
+    body.records(element, &places, &mut [0.0_f64; NUMBERS], |record| {
+        let three = |at: usize| [record[at], record[at + 1], record[at + 2]];
+        gather.put(&Point {
+            position: DVec3::from(three(POSITION)),
+            color: three(COLOR).map(|c| c as f32),
+            normal: Vec3::from(three(NORMAL).map(|c| c as f32)),
+            intensity: record[INTENSITY] as f32,
+            radius: record[RADIUS] as f32,
+        });
+    })?;
     gather.decode_colors(Some(white.unwrap_or(1.0) as f32));
+    for other in header.elements.iter().filter(|other| other.name != element.name && other.rows > 0) {
+        gather.notes.push(Note::LeftOut(format!("{} rows of element {:?}", other.rows, other.name)));
+    }
     gather.finish(file)
 }

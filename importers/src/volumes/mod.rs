@@ -1,7 +1,14 @@
 //! Files to volumes.
 
+pub mod dicom;
+pub(crate) mod dicom_data_set;
+mod dicom_pixels;
 pub mod nrrd;
 pub mod raw;
+mod slice;
+pub mod slices;
+pub mod tiff;
+mod tiff_pages;
 pub(crate) mod voxels;
 pub mod vti;
 mod vti_array;

@@ -218,9 +218,9 @@ fn frame(file: &File, header: &Header, axes: [usize; 3], dims: [usize; 3]) -> Re
             let problem = "space directions must give a vector of three numbers for each spatial axis";
             return Err(file.malformed(place, problem));
         };
-        let edges = DMat3::from_cols(x, y, z);
+        // Quotients, so that edges along the world's axes give ones.
+        frame.direction = DMat3::from_cols(x / x.length(), y / y.length(), z / z.length());
         frame.spacing = DVec3::new(x.length(), y.length(), z.length());
-        frame.direction = edges * DMat3::from_diagonal(frame.spacing.recip());
         return Ok(frame);
     }
     let cell_centred = matches!(header.get(&["centers", "centerings"]), Some((_, c)) if c.contains("cell"));

@@ -72,7 +72,6 @@ pub(crate) fn check(opened: &Opened) {
             assert!(matches!(surfels, Ok(_) | Err(PointError::Size(_))), "{surfels:?}");
             return;
         }
-        _ => return,
     };
     for primitive in &mesh.primitives {
         let count = primitive.positions.len();
@@ -123,10 +122,15 @@ macro_rules! mutated {
         fn $format() {
             seeds::$format().into_iter().for_each(survives);
         })*
+
+        /// The seeds of all formats.
+        fn all() -> Vec<Seed> {
+            [$(seeds::$format()),*].into_iter().flatten().collect()
+        }
     };
 }
 
-mutated!(gltf las laz_layered laz_pointwise nrrd obj pcd ply points raw splats vti xyz);
+mutated!(dicom gltf ksplat las laz_layered laz_pointwise nrrd obj packed pcd ply points raw sog splat splats spz surfels tiff vti xyz);
 
 #[test]
 fn material_libraries() {
@@ -159,5 +163,17 @@ fn images() {
                 check(&opened);
             }
         });
+    }
+}
+
+/// Where `OBLATE_SEEDS` names a folder, `fuzz/corpus` for one, fuzzing begins with the files that this writes to the folders
+/// of its targets, which are called by the endings of files' names.
+#[test]
+fn seeds_are_written_for_fuzzing() {
+    let Some(folder) = std::env::var_os("OBLATE_SEEDS").map(std::path::PathBuf::from) else { return };
+    for (index, seed) in all().iter().enumerate() {
+        let target = folder.join(seed.name.rsplit('.').next().unwrap());
+        std::fs::create_dir_all(&target).unwrap();
+        std::fs::write(target.join(format!("seed_{index}")), &seed.bytes).unwrap();
     }
 }

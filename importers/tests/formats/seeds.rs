@@ -2,7 +2,7 @@
 
 use crate::common::{as_text, base64, corner_marked, gzip, png, zlib};
 use crate::las::{File, some};
-use crate::pcd;
+use crate::pcd as pcd_files;
 
 /// A file, and those that it names.
 pub(crate) struct Seed {
@@ -86,6 +86,14 @@ pub(crate) fn splats() -> Vec<Seed> {
     encodings.map(|encoding| alone("a.ply", crate::splats::example(encoding))).into()
 }
 
+pub(crate) fn packed() -> Vec<Seed> {
+    vec![alone("a.compressed.ply", crate::packed::example())]
+}
+
+pub(crate) fn splat() -> Vec<Seed> {
+    vec![alone("a.splat", crate::splat::example())]
+}
+
 pub(crate) fn gltf() -> Vec<Seed> {
     vec![
         alone("a.glb", crate::gltf::example_glb()),
@@ -98,6 +106,31 @@ pub(crate) fn obj() -> Vec<Seed> {
         f 1/1/1 2/1/1 3/2/1 4/2/1\nf -1//-1 -2//-1 -3//-1\n";
     let library = b"newmtl a\nKd 1 0.5 0\nd 0.5\nmap_Kd -clamp on -o 0 0 0 -mm 0 1 a.png\n".to_vec();
     vec![Seed { name: "a.obj", bytes: text.into(), beside: vec![("a.mtl", library), ("a.png", png())] }]
+}
+
+pub(crate) fn tiff() -> Vec<Seed> {
+    vec![alone("a.tif", crate::tiff::example()), alone("a.tif", crate::tiff::ome_example())]
+}
+
+pub(crate) fn dicom() -> Vec<Seed> {
+    let of = crate::dicom::Slice::seeds();
+    of.into_iter().map(|bytes| alone("a.dcm", bytes)).collect()
+}
+
+pub(crate) fn surfels() -> Vec<Seed> {
+    vec![alone("a.ply", crate::surfels::example())]
+}
+
+pub(crate) fn spz() -> Vec<Seed> {
+    crate::spz::examples().into_iter().map(|file| alone("a.spz", file)).collect()
+}
+
+pub(crate) fn ksplat() -> Vec<Seed> {
+    vec![alone("a.ksplat", crate::ksplat::example())]
+}
+
+pub(crate) fn sog() -> Vec<Seed> {
+    crate::sog::examples()
 }
 
 pub(crate) fn las() -> Vec<Seed> {
@@ -116,8 +149,8 @@ pub(crate) fn laz_layered() -> Vec<Seed> {
 }
 
 pub(crate) fn pcd() -> Vec<Seed> {
-    let files = [pcd::ascii().into_bytes(), pcd::binary(), pcd::compressed()];
-    files.map(|bytes| alone("a.pcd", bytes)).into()
+    let files = [pcd_files::ascii().into_bytes(), pcd_files::binary(), pcd_files::compressed()];
+    files.into_iter().map(|bytes| alone("a.pcd", bytes)).collect()
 }
 
 pub(crate) fn xyz() -> Vec<Seed> {
@@ -127,32 +160,4 @@ pub(crate) fn xyz() -> Vec<Seed> {
 
 pub(crate) fn points() -> Vec<Seed> {
     vec![alone("a.ply", crate::ply::points("ascii")), alone("a.ply", crate::ply::points("binary_big_endian"))]
-}
-
-/// The seeds of every format, under its name.
-pub(crate) fn all() -> Vec<(&'static str, Vec<Seed>)> {
-    vec![
-        ("gltf", gltf()),
-        ("las", [las(), laz_pointwise(), laz_layered()].into_iter().flatten().collect()),
-        ("nrrd", nrrd()),
-        ("obj", obj()),
-        ("pcd", pcd()),
-        ("ply", [ply(), points(), splats()].into_iter().flatten().collect()),
-        ("raw", raw()),
-        ("vti", vti()),
-        ("xyz", xyz()),
-    ]
-}
-
-/// Where `OBLATE_SEEDS` names a folder, such as `fuzz/corpus`, fuzzing begins with the files that this writes there.
-#[test]
-fn are_written_for_fuzzing() {
-    let Some(folder) = std::env::var_os("OBLATE_SEEDS").map(std::path::PathBuf::from) else { return };
-    for (format, seeds) in all() {
-        let folder = folder.join(format);
-        std::fs::create_dir_all(&folder).unwrap();
-        for (index, seed) in seeds.iter().enumerate() {
-            std::fs::write(folder.join(format!("seed_{index}")), &seed.bytes).unwrap();
-        }
-    }
 }
