@@ -5,6 +5,7 @@ use crate::gltf;
 use crate::inflate;
 use crate::meshes::{obj, stl};
 use crate::ply;
+use crate::points::{las, pcd, xyz};
 use crate::source::Source;
 use crate::splats::{ksplat, sog, splat, spz};
 use crate::volumes::{dicom, dicom_data_set, meta_image, nifti, nrrd, raw, tiff, vtk};
@@ -57,6 +58,13 @@ static FORMATS: &[Format] = &[
         .up(DVec3::Z),
     Format::new("PLY", &["ply"], ply::read)
         .beginning(|bytes| bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r")),
+    Format::new("LAS", &["las", "laz"], |source, options| las::read(&source.into_file()?, options))
+        .beginning(|bytes| bytes.starts_with(b"LASF")),
+    Format::new("PCD", &["pcd"], |source, options| pcd::read(&source.into_file()?, options))
+        .beginning(|bytes| bytes.starts_with(b"# .PCD")),
+    Format::new("XYZ", &["xyz", "xyzrgb", "xyzn", "pts", "asc", "csv", "txt"], |source, _| {
+        xyz::read(&source.into_file()?)
+    }),
     Format::new(".splat", &["splat"], |source, _| splat::read(&source)),
     Format::new("SPZ", &["spz"], |source, options| spz::read(&source.into_file()?, options))
         .beginning(spz::begins),

@@ -7,7 +7,7 @@
 //! | glTF 2.0, GLB | mesh, or trained splats | [`gltf`](mod@gltf) |
 //! | OBJ with MTL and textures | mesh | [`meshes::obj`] |
 //! | STL, binary and ascii | mesh | [`meshes::stl`] |
-//! | PLY, ascii and binary | mesh, or trained splats, also packed ones | [`ply`] |
+//! | PLY, ascii and binary | mesh, points, or trained splats, also packed ones | [`ply`] |
 //! | .splat | trained splats | [`splats::splat`] |
 //! | NRRD, attached and detached | volume | [`volumes::nrrd`] |
 //! | MetaImage, `.mha` and `.mhd` | volume | [`volumes::meta_image`] |
@@ -20,6 +20,9 @@
 //! | SPZ | trained splats | [`splats::spz`] |
 //! | SOG, as zip or `meta.json`; sets of levels | trained splats | [`splats::sog`] |
 //! | KSPLAT | trained splats | [`splats::ksplat`] |
+//! | LAS, LAZ | points | [`points::las`] |
+//! | PCD | points | [`points::pcd`] |
+//! | XYZ, PTS and other text | points | [`points::xyz`] |
 //! | raw samples, also under gzip | volume | [`volumes::raw`] |
 //!
 //! Nothing a file says is believed before the file's own size was asked: declared sizes are compared with
@@ -38,6 +41,7 @@ pub mod gltf;
 mod inflate;
 pub mod meshes;
 pub mod ply;
+pub mod points;
 mod scalar;
 mod source;
 pub mod splats;

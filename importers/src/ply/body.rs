@@ -85,18 +85,18 @@ impl<'a> Body<'a> {
 
     /// Calls `each` with a record of the numbers of each of the next element's rows; there is a place in it, or none,
     /// for each property. A record's numbers that no property has stay as they are.
-    pub(crate) fn records(
+    pub(crate) fn records<T: FromF64>(
         &mut self,
         element: &Element,
         places: &[Option<usize>],
-        record: &mut [f32],
-        mut each: impl FnMut(&[f32]),
+        record: &mut [T],
+        mut each: impl FnMut(&[T]),
     ) -> Result<(), ImportError> {
         for row in 0..element.rows {
             self.begin_row(element, row)?;
             for (property, place) in element.properties.iter().zip(places) {
                 match (property.kind, place) {
-                    (Kind::Scalar(scalar), Some(place)) => record[*place] = self.next(scalar)? as f32,
+                    (Kind::Scalar(scalar), Some(place)) => record[*place] = T::from_f64(self.next(scalar)?),
                     (kind, _) => self.read::<f32>(kind, None)?,
                 }
             }

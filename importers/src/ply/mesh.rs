@@ -23,8 +23,7 @@ pub(super) fn read(file: &File, header: &Header, options: &OpenOptions) -> Resul
     }
     let missing = |what: &str| file.malformed(Place::Whole, format!("a mesh needs an element {what}"));
     let mut vertices = vertices.ok_or_else(|| missing("\"vertex\""))?;
-    let faces =
-        faces.ok_or_else(|| missing("\"face\"; a cloud of points has none, and points are not read"))?;
+    let faces = faces.ok_or_else(|| missing("\"face\""))?;
     let mut triangles = faces.triangles(file, vertices.positions.len())?;
     if faces.tex_coords.is_some() {
         // Corners of one vertex may have several texture coordinates: each corner becomes a vertex.

@@ -1,4 +1,4 @@
-//! PLY: meshes and trained Gaussian splats; ascii, binary little- and big-endian.
+//! PLY: meshes, points and trained Gaussian splats; ascii, binary little- and big-endian.
 //!
 //! Properties are found by their names, whatever their order and number types; other elements and properties
 //! are skipped.
@@ -32,12 +32,20 @@
 //!   v grows upwards, as in OBJ, and is flipped. `comment TextureFile NAME` names the image.
 //! - `vertex_indices` or `vertex_index`: polygons become fans; faces of fewer than three corners are none.
 //!   Colours of whole faces are not read.
+//!
+//! **Points** are the vertices of any other file without faces:
+//! - `x y z`; `nx ny nz` or `normal_x normal_y normal_z`; `radius`.
+//! - `red green blue` (also `diffuse_red` and so on, or `r g b`) as of meshes.
+//! - `intensity`, `scalar_Intensity` or `scalar_intensity`, else the first property whose name begins with `scalar_`.
+//!
+//! See [`crate::points`]. What other elements with rows the file has is noted.
 
 mod body;
 mod header;
 mod mesh;
 mod mode;
 mod packed;
+mod points;
 mod seen;
 mod splats;
 pub(crate) mod surfels;
@@ -48,7 +56,7 @@ use crate::{ImportError, OpenOptions, Opened};
 use header::Header;
 pub(crate) use splats::CONSTANT_HARMONIC;
 
-/// Reads a mesh or splats.
+/// Reads a mesh, points or splats.
 pub(crate) fn read(source: Source, options: &OpenOptions) -> Result<Opened, ImportError> {
     let header = Header::parse(&source.head)?;
     let has_faces = header.element("face").is_some_and(|faces| faces.rows > 0);
@@ -62,6 +70,7 @@ pub(crate) fn read(source: Source, options: &OpenOptions) -> Result<Opened, Impo
         Some(vertex) if ["f_dc_0", "scale_0", "rot_0"].iter().any(has) => {
             splats::read(source, &header, vertex)
         }
-        _ => mesh::read(&source.into_file()?, &header, options).map(Opened::from),
+        Some(vertex) => points::read(&source.into_file()?, &header, vertex),
+        None => mesh::read(&source.into_file()?, &header, options).map(Opened::from),
     }
 }

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use oblate_engine::Splats;
 use oblate_importers::{Content, ImportError, OpenOptions, Opened, open};
-use oblate_surfels::{Mesh, Primitive};
+use oblate_surfels::{Mesh, PointCloud, Primitive};
 use oblate_volumes::Volume;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -93,6 +93,14 @@ pub(crate) fn splats(opened: Result<Opened, ImportError>) -> Splats {
     match opened.unwrap_or_else(|error| panic!("{error}")).content {
         Content::Splats { splats, .. } => splats,
         _ => panic!("splats are expected"),
+    }
+}
+
+#[track_caller]
+pub(crate) fn points(opened: Result<Opened, ImportError>) -> PointCloud {
+    match opened.unwrap_or_else(|error| panic!("{error}")).content {
+        Content::Points(points) => points,
+        _ => panic!("points are expected"),
     }
 }
 

@@ -5,6 +5,7 @@ use crate::common::{Folder, png};
 use crate::seeds::{self, Seed};
 use oblate_engine::Cloud;
 use oblate_importers::{Content, Opened};
+use oblate_surfels::{PointError, PointSettings, point_surfels};
 use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::Index;
@@ -66,7 +67,11 @@ pub(crate) fn check(opened: &Opened) {
             assert!(Cloud::new(splats.clone()).is_ok_and(|cloud| !cloud.is_empty()));
             return;
         }
-        _ => return,
+        Content::Points(points) => {
+            let surfels = point_surfels(points, &PointSettings::default());
+            assert!(matches!(surfels, Ok(_) | Err(PointError::Size(_))), "{surfels:?}");
+            return;
+        }
     };
     for primitive in &mesh.primitives {
         let count = primitive.positions.len();
@@ -125,7 +130,7 @@ macro_rules! mutated {
     };
 }
 
-mutated!(dicom gltf gltf_splats ksplat meta_image nifti nrrd obj packed ply raw sog splat splats spz stl surfels tiff vti vtk);
+mutated!(dicom gltf gltf_splats ksplat las laz_layered laz_pointwise meta_image nifti nrrd obj packed pcd ply points raw sog splat splats spz stl surfels tiff vti vtk xyz);
 
 #[test]
 fn material_libraries() {

@@ -1,6 +1,7 @@
 use crate::common::{Folder, mesh, png, refused};
-use glam::{Vec2, Vec3, Vec4};
-use oblate_importers::OpenOptions;
+use glam::{Vec2, Vec3, Vec4, dvec3, vec3};
+use oblate_engine::color::srgb_to_linear;
+use oblate_importers::{Note, OpenOptions};
 
 /// A value of a row: a number, or a list of them.
 enum Value {
@@ -204,14 +205,12 @@ fn what_is_wrong_is_said() {
     refuse("3 0 1 2", "1e300 0 1 2", &["line 13", "list"]);
     refuse("3 0 1 2\n", "2 0 1\n", &["no triangles"]);
     refuse("3 0 1 2\n", "\n", &["ends before row 0", "face"]);
-    refuse("face 1", "face 0", &["no triangles"]);
     refuse("1 0 0", "1 nan 0", &["vertex 1", "position", "finite"]);
     refuse("1 0 0", "1 1e39 0", &["vertex 1", "finite"]);
     refuse("1 0 0", "1 0", &["line 11", "fewer"]);
     refuse("vertex 3", "vertex 9999999999999999", &["9999999999999999 rows", "left"]);
     refuse("vertex 3", "vertex 99999999999999999999999", &["line 3", "rows"]);
     refuse("vertex 3", "vertices 3", &["element \"vertex\""]);
-    refuse("element face", "element faces", &["element \"face\"; a cloud of points"]);
     refuse("float y", "float w", &["x, y and z"]);
     refuse("float y", "list uchar float y", &["must not be a list"]);
     refuse("float y", "float x", &["line 5", "second property"]);
@@ -250,4 +249,59 @@ fn cut_short_anywhere() {
             refused(folder.open("a.ply", &whole[..length]), "a.ply", &[]);
         }
     }
+}
+
+/// Two points with all that is read and a property that isn't.
+pub(crate) fn points(encoding: &str) -> Vec<u8> {
+    let header = format!(
+        "ply\nformat {encoding} 1.0\nelement camera 1\nproperty uchar a\nelement vertex 2\nproperty double y\nproperty double x\n\
+         property float z\nproperty float nx\nproperty float ny\nproperty float nz\nproperty uchar red\nproperty uchar green\n\
+         property uchar blue\nproperty list uchar short seen_by\nproperty float scalar_curvature\nproperty float scalar_Intensity\n\
+         property float radius\nelement face 0\nproperty list uchar int vertex_indices\nend_header\n"
+    );
+    if encoding == "ascii" {
+        let rows =
+            "7\n-20.5 1000000.25 3 0 0 2 255 128 0 2 1 2 5 0.75 0.5\n2 1000001 4 0 nan 2 0 0 255 0 5 8 nan\n";
+        return (header + rows).into_bytes();
+    }
+    let mut bytes = header.into_bytes();
+    bytes.push(7);
+    let rows: [([f64; 2], [f32; 4], [u8; 3], &[u8], [f32; 3]); 2] = [
+        ([-20.5, 1_000_000.25], [3.0, 0.0, 0.0, 2.0], [255, 128, 0], &[2, 0, 1, 0, 2], [5.0, 0.75, 0.5]),
+        ([2.0, 1_000_001.0], [4.0, 0.0, f32::NAN, 2.0], [0, 0, 255], &[0], [5.0, 8.0, f32::NAN]),
+    ];
+    for (place, normal, color, list, rest) in rows {
+        bytes.extend(place.iter().flat_map(|v| v.to_be_bytes()));
+        bytes.extend(normal.iter().flat_map(|v| v.to_be_bytes()));
+        bytes.extend(color);
+        bytes.extend(list);
+        bytes.extend(rest.iter().flat_map(|v| v.to_be_bytes()));
+    }
+    bytes
+}
+
+#[test]
+fn vertices_without_faces_are_points() {
+    let folder = Folder::new();
+    for encoding in ["ascii", "binary_big_endian"] {
+        let opened = folder.open("a.ply", points(encoding)).unwrap();
+        assert_eq!(opened.notes, [Note::LeftOut("1 rows of element \"camera\"".into())]);
+        let cloud = crate::common::points(Ok(opened));
+        assert_eq!(cloud.origin, dvec3(1_000_000.0, -20.0, 3.0));
+        assert_eq!(cloud.positions, [vec3(0.25, -0.5, 0.0), vec3(1.0, 22.0, 1.0)]);
+        assert_eq!(cloud.normals, Some(vec![vec3(0.0, 0.0, 2.0), Vec3::ZERO]));
+        let orange = [1.0, 128.0 / 255.0, 0.0].map(srgb_to_linear);
+        assert_eq!(cloud.colors, Some(vec![orange, [0.0, 0.0, 1.0]]));
+        assert_eq!(cloud.intensities, Some(vec![0.75, 8.0]));
+        assert_eq!(cloud.radii, Some(vec![0.5, 0.0]));
+    }
+    let refuse = |from: &str, to: &str, parts: &[&str]| {
+        let text = String::from_utf8(points("ascii")).unwrap();
+        assert!(text.contains(from), "{from}");
+        folder.refused("a.ply", text.replace(from, to), parts);
+    };
+    refuse("double x", "double w", &["x, y and z"]);
+    refuse("vertex 2", "vertex 0", &["no points in it"]);
+    refuse("vertex 2", "vertex 999999999", &["999999999 rows"]);
+    refuse("double y", "list uchar uchar y", &["must not be a list"]);
 }

@@ -1,7 +1,7 @@
 //! Files that others wrote. Without `OBLATE_DATA` or `../shared/data` these tests skip, unless
 //! `OBLATE_REQUIRE_DATA=1`.
 
-use crate::common::{Folder, mesh, refused, splats, volume};
+use crate::common::{Folder, mesh, points, refused, splats, volume};
 use glam::{DVec3, Vec3};
 use oblate_engine::color::linear_to_srgb;
 use oblate_engine::{Blend, OpacityFilter, Splats, Strength};
@@ -358,4 +358,33 @@ fn splats_of_a_grid() {
     }
     let Strength::Opacity { peaks, .. } = &splats.strength else { panic!("opacities are expected") };
     assert_eq!(peaks[..], [230.0 / 255.0; 4]);
+}
+
+/// Counts and ranges of two scans as their headers have them.
+#[test]
+fn laser_scans() {
+    for (name, count, low, high) in [
+        (
+            "pointclouds/autzen_trim.las",
+            110_000,
+            DVec3::new(636_001.76, 848_935.20, 406.26),
+            DVec3::new(637_179.22, 849_497.90, 520.51),
+        ),
+        (
+            "pointclouds/lone-star.laz",
+            518_862,
+            DVec3::new(515_368.6, 4_918_340.3625, 2322.895),
+            DVec3::new(515_401.045, 4_918_381.125, 2338.5775),
+        ),
+    ] {
+        let Some(path) = data(name) else { continue };
+        let cloud = points(open(path, &OpenOptions::default()));
+        assert_eq!(cloud.positions.len(), count, "{name}");
+        let place = |position: &Vec3| cloud.origin + position.as_dvec3();
+        let found_low = cloud.positions.iter().map(place).reduce(DVec3::min).unwrap();
+        let found_high = cloud.positions.iter().map(place).reduce(DVec3::max).unwrap();
+        // Positions are up to 1200 units from the origin: they are rounded by 6e-5.
+        assert!((found_low - low).abs().max_element() < 1e-4, "{name}: {found_low}");
+        assert!((found_high - high).abs().max_element() < 1e-4, "{name}: {found_high}");
+    }
 }

@@ -1,6 +1,8 @@
 //! Small valid files of every format: what tests change, byte by byte and at random, and what fuzzing begins with.
 
 use crate::common::{as_text, base64, corner_marked, gzip, png, zlib};
+use crate::las::{File, some};
+use crate::pcd as pcd_files;
 
 /// A file, and those that it names.
 pub(crate) struct Seed {
@@ -192,4 +194,33 @@ pub(crate) fn ksplat() -> Vec<Seed> {
 
 pub(crate) fn sog() -> Vec<Seed> {
     crate::sog::examples()
+}
+
+pub(crate) fn las() -> Vec<Seed> {
+    let file = |minor, format| File { minor, format, extra: 1, chunk: None, points: some(3) };
+    vec![alone("a.las", file(2, 3).bytes()), alone("a.las", file(4, 7).bytes())]
+}
+
+pub(crate) fn laz_pointwise() -> Vec<Seed> {
+    let file = File { minor: 1, format: 2, extra: 1, chunk: Some(2), points: some(3) };
+    vec![alone("a.laz", file.bytes())]
+}
+
+pub(crate) fn laz_layered() -> Vec<Seed> {
+    let file = File { minor: 4, format: 7, extra: 0, chunk: Some(4), points: some(4) };
+    vec![alone("a.laz", file.bytes())]
+}
+
+pub(crate) fn pcd() -> Vec<Seed> {
+    let files = [pcd_files::ascii().into_bytes(), pcd_files::binary(), pcd_files::compressed()];
+    files.into_iter().map(|bytes| alone("a.pcd", bytes)).collect()
+}
+
+pub(crate) fn xyz() -> Vec<Seed> {
+    let pts = "2\n1 2 3 -500 255 128 2\n2 2 2 7 0 0 0\n";
+    vec![alone("a.xyz", "x y z\n0 1 2\n# a\n3,4;5\n"), alone("a.pts", pts)]
+}
+
+pub(crate) fn points() -> Vec<Seed> {
+    vec![alone("a.ply", crate::ply::points("ascii")), alone("a.ply", crate::ply::points("binary_big_endian"))]
 }

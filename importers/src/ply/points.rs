@@ -1,0 +1,88 @@
+//! Points of PLY files.
+
+use super::body::Body;
+use super::header::{Element, Header, Kind, Property};
+use crate::file::File;
+use crate::points::{Gather, Has, Point};
+use crate::{ImportError, Note, Opened, Place};
+use glam::{DVec3, Vec3};
+
+/// Where a point's numbers stand in a record.
+const POSITION: usize = 0;
+const COLOR: usize = 3;
+const NORMAL: usize = 6;
+const INTENSITY: usize = 9;
+const RADIUS: usize = 10;
+const NUMBERS: usize = 11;
+
+/// Names of each number, by which come first.
+const NAMES: [(usize, &[&str]); 10] = [
+    (POSITION, &["x"]),
+    (POSITION + 1, &["y"]),
+    (POSITION + 2, &["z"]),
+    (COLOR, &["red", "diffuse_red", "r"]),
+    (COLOR + 1, &["green", "diffuse_green", "g"]),
+    (COLOR + 2, &["blue", "diffuse_blue", "b"]),
+    (NORMAL, &["nx", "normal_x"]),
+    (NORMAL + 1, &["ny", "normal_y"]),
+    (NORMAL + 2, &["nz", "normal_z"]),
+    (RADIUS, &["radius"]),
+];
+
+/// The beginning of names of attributes that some programs give points.
+const ATTRIBUTE: &str = "scalar_";
+
+/// Reads points: the vertices of a file without faces.
+pub(super) fn read(file: &File, header: &Header, element: &Element) -> Result<Opened, ImportError> {
+    let mut places: Vec<Option<usize>> = vec![None; element.properties.len()];
+    let property = |name: &str| element.properties.iter().position(|property| property.name == name);
+    for (number, names) in NAMES {
+        if let Some(index) = names.iter().find_map(|name| property(name)) {
+            places[index] = Some(number);
+        }
+    }
+    let attribute = || element.properties.iter().position(|property| property.name.starts_with(ATTRIBUTE));
+    let intensities = ["intensity", "scalar_Intensity", "scalar_intensity"];
+    if let Some(index) = intensities.iter().find_map(|name| property(name)).or_else(attribute) {
+        places[index] = Some(INTENSITY);
+    }
+    let list = |(property, place): (&Property, &Option<usize>)| {
+        (place.is_some() && matches!(property.kind, Kind::List { .. })).then(|| property.name.clone())
+    };
+    if let Some(name) = element.properties.iter().zip(&places).find_map(list) {
+        return Err(file.malformed(Place::Whole, format!("vertex property {name:?} must not be a list")));
+    }
+    let three = |first: usize| (first..first + 3).all(|number| places.contains(&Some(number)));
+    if !three(POSITION) {
+        return Err(file.malformed(Place::Whole, "element \"vertex\" must have properties x, y and z"));
+    }
+    let has = Has {
+        colors: three(COLOR),
+        intensities: places.contains(&Some(INTENSITY)),
+        normals: three(NORMAL),
+        radii: places.contains(&Some(RADIUS)),
+    };
+    // Integers are shares of their type's largest value.
+    let red = element.properties.iter().zip(&places).find(|(_, place)| **place == Some(COLOR));
+    let white = red.and_then(|(property, _)| match property.kind {
+        Kind::Scalar(scalar) => scalar.integer_max(),
+        Kind::List { .. } => None,
+    });
+    let mut body = Body::at(file, header, element)?;
+    let mut gather = Gather::new(element.rows, has);
+    body.records(element, &places, &mut [0.0_f64; NUMBERS], |record| {
+        let three = |at: usize| [record[at], record[at + 1], record[at + 2]];
+        gather.put(&Point {
+            position: DVec3::from(three(POSITION)),
+            color: three(COLOR).map(|c| c as f32),
+            normal: Vec3::from(three(NORMAL).map(|c| c as f32)),
+            intensity: record[INTENSITY] as f32,
+            radius: record[RADIUS] as f32,
+        });
+    })?;
+    gather.decode_colors(Some(white.unwrap_or(1.0) as f32));
+    for other in header.elements.iter().filter(|other| other.name != element.name && other.rows > 0) {
+        gather.notes.push(Note::LeftOut(format!("{} rows of element {:?}", other.rows, other.name)));
+    }
+    gather.finish(file)
+}

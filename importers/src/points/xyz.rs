@@ -1,0 +1,176 @@
+//! Points as text, a line each: XYZ, XYZRGB, PTS, ASC, and tables with commas or semicolons.
+//!
+//! These formats have no standard. Values are separated by spaces, tabs, commas or semicolons; lines that are empty or begin with
+//! `#` or `//` are skipped, and so is the first other line if it doesn't begin with a number: it names the columns, and is
+//! not understood. A first line of one whole number is the number of points (PTS), which must be right. How many columns there
+//! are, the same in all lines, tells what they mean:
+//!
+//! | columns | mean |
+//! |---|---|
+//! | 3 | x y z |
+//! | 4 | x y z intensity |
+//! | 6 | x y z red green blue; or a normal, where one of the last three is negative anywhere |
+//! | 7 | x y z intensity red green blue (PTS) |
+//! | 9 | x y z red green blue, and a normal |
+//!
+//! Colours are sRGB-encoded. White is 1 where none is above 1, else 255, else 65535.
+
+use super::{Gather, Has, Point};
+use crate::file::File;
+use crate::{ImportError, Note, Opened, Place};
+use glam::{DVec3, Vec3};
+
+/// The fewest bytes of a line with a point: three digits and what ends them.
+const SHORTEST: usize = 6;
+
+/// The most columns of a line that is understood.
+const COLUMNS: usize = 9;
+
+/// Reads points.
+pub(crate) fn read(file: &File) -> Result<Opened, ImportError> {
+    let text = file.bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&file.bytes);
+    let mut rows = Rows { file, lines: text.split(|&b| b == b'\n').enumerate() };
+    let mut declared = None;
+    let Some((mut line, mut first)) = rows.data(true)? else {
+        return Err(file.malformed(Place::Whole, "there are no points in it, at least one is needed"));
+    };
+    if let [count] = first.values()
+        && count.fract() == 0.0
+        && *count >= 0.0
+    {
+        declared = Some((line, *count));
+        let next = rows.data(false)?;
+        (line, first) = next.ok_or_else(|| {
+            file.malformed(Place::Line(line), format!("{count} points are said to follow; none does"))
+        })?;
+    }
+    let columns = first.length;
+    let (intensity, color, normal) = match columns {
+        3 => (None, None, None),
+        4 => (Some(3), None, None),
+        6 if any_negative(&rows, &first)? => (None, None, Some(3)),
+        6 => (None, Some(3), None),
+        7 => (Some(3), Some(4), None),
+        9 => (None, Some(3), Some(6)),
+        _ => {
+            let feature = format!("{columns} columns; lines of 3, 4, 6, 7 and 9 numbers are understood");
+            return Err(file.unsupported(Place::Line(line), feature));
+        }
+    };
+    let has = Has {
+        colors: color.is_some(),
+        intensities: intensity.is_some(),
+        normals: normal.is_some(),
+        radii: false,
+    };
+    let most = text.iter().filter(|&&b| b == b'\n').count() + 1;
+    let mut gather = Gather::new(most.min(text.len() / SHORTEST + 1), has);
+    let mut count = 0_usize;
+    let mut next = Some((line, first));
+    while let Some((line, row)) = next {
+        if row.length != columns {
+            let problem = format!("{} values; the first point has {columns}", row.length);
+            return Err(file.malformed(Place::Line(line), problem));
+        }
+        let three = |at: usize| [row.numbers[at], row.numbers[at + 1], row.numbers[at + 2]];
+        gather.put(&Point {
+            position: DVec3::from(three(0)),
+            color: color.map_or([0.0; 3], |at| three(at).map(|c| c as f32)),
+            intensity: intensity.map_or(0.0, |at| row.numbers[at] as f32),
+            normal: normal.map_or(Vec3::ZERO, |at| Vec3::from(three(at).map(|c| c as f32))),
+            radius: 0.0,
+        });
+        count += 1;
+        next = rows.data(false)?;
+    }
+    if let Some((line, declared)) = declared.filter(|(_, declared)| *declared != count as f64) {
+        let problem = format!("{declared} points are said to follow; {count} do");
+        return Err(file.malformed(Place::Line(line), problem));
+    }
+    if normal == Some(3) {
+        let what =
+            "the last three of six columns are normals, since one is negative; otherwise they are colours";
+        gather.notes.push(Note::Assumed(what.into()));
+    }
+    if has.colors {
+        let brightest = gather.brightest();
+        let white = [1.0, 255.0, 65535.0].into_iter().find(|&white| brightest <= white);
+        let white = white.ok_or_else(|| {
+            file.malformed(Place::Whole, format!("a colour is {brightest}; they go up to 1, 255 or 65535"))
+        })?;
+        gather.notes.push(Note::Assumed(format!("colours go up to {white}")));
+        gather.decode_colors(Some(white));
+    }
+    gather.finish(file)
+}
+
+/// The numbers of a line.
+#[derive(Clone, Copy)]
+struct Row {
+    numbers: [f64; COLUMNS],
+    length: usize,
+}
+
+impl Row {
+    fn values(&self) -> &[f64] {
+        self.numbers.get(..self.length).unwrap_or_default()
+    }
+}
+
+#[derive(Clone)]
+struct Rows<'a, L> {
+    file: &'a File,
+    lines: L,
+}
+
+impl<'a, L: Iterator<Item = (usize, &'a [u8])>> Rows<'a, L> {
+    /// The next line with numbers, and its own. The first of a file may be one of words.
+    fn data(&mut self, mut first: bool) -> Result<Option<(usize, Row)>, ImportError> {
+        for (index, line) in self.lines.by_ref() {
+            let line = line.trim_ascii();
+            if line.is_empty() || line.starts_with(b"#") || line.starts_with(b"//") {
+                continue;
+            }
+            let mut row = Row { numbers: [0.0; COLUMNS], length: 0 };
+            let separates = |b: &u8| b.is_ascii_whitespace() || matches!(b, b',' | b';');
+            let mut wrong = None;
+            for word in line.split(separates).filter(|word| !word.is_empty()) {
+                match std::str::from_utf8(word).ok().and_then(|word| word.parse().ok()) {
+                    None => wrong = wrong.or(Some((row.length, String::from_utf8_lossy(word)))),
+                    Some(number) if row.length < COLUMNS => row.numbers[row.length] = number,
+                    Some(_) => {}
+                }
+                row.length += 1;
+            }
+            match wrong {
+                None if row.length == 0 => {}
+                None => return Ok(Some((index + 1, row))),
+                Some((0, _)) if first => {}
+                Some((_, word)) => {
+                    let problem = format!("{word:?} is no number");
+                    return Err(self.file.malformed(Place::Line(index + 1), problem));
+                }
+            }
+            first = false;
+        }
+        Ok(None)
+    }
+}
+
+/// Whether one of the last three of six columns is negative anywhere.
+fn any_negative<'a, L: Iterator<Item = (usize, &'a [u8])> + Clone>(
+    rows: &Rows<'a, L>,
+    first: &Row,
+) -> Result<bool, ImportError> {
+    let mut rows = rows.clone();
+    let negative = |row: &Row| row.values().iter().skip(3).any(|value| *value < 0.0);
+    if negative(first) {
+        return Ok(true);
+    }
+    while let Some((_, row)) = rows.data(false)? {
+        if negative(&row) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
