@@ -6,7 +6,7 @@
 //! |---|---|---|
 //! | glTF 2.0, GLB | mesh | [`gltf`](mod@gltf) |
 //! | OBJ with MTL and textures | mesh | [`meshes::obj`] |
-//! | PLY, ascii and binary | mesh, or trained splats | [`ply`] |
+//! | PLY, ascii and binary | mesh, trained splats or surfels | [`ply`] |
 //! | NRRD, attached and detached | volume | [`volumes::nrrd`] |
 //! | VTI (VTK ImageData) | volume | [`volumes::vti`] |
 //! | TIFF stacks | volume | [`volumes::tiff`] |

@@ -11,7 +11,7 @@ use std::collections::HashSet;
 
 /// Samples that a byte of the file can hold at most, where they are compressed: LZW's longest string has 4096 bytes and
 /// takes more than a byte.
-const EXPANSION_LIMIT: u64 = 4096;
+pub(super) const EXPANSION_LIMIT: u64 = 4096;
 
 /// A page.
 #[derive(Clone, Debug)]
