@@ -366,6 +366,17 @@ fn hostile_files() {
         }
     });
     folder.refused("a.tif", LITTLE.file(&pages, None), &["its pages need 96000 bytes"]);
+    // A second page at byte 8 whose table is the rest of the file, the first page within it.
+    let one = LITTLE.file(&bytes_changed(|_, _| ())[..1], None);
+    let table = u32::from_le_bytes(one[4..8].try_into().unwrap()) as usize;
+    let mut bytes = [&one[..table], &vec![0; 12 - table % 12 + 10], &one[table..]].concat();
+    let moved = (bytes.len() - (one.len() - table)) as u32;
+    bytes[4..8].copy_from_slice(&moved.to_le_bytes());
+    let next = bytes.len() - 4;
+    bytes[next..].copy_from_slice(&8_u32.to_le_bytes());
+    let fields = ((bytes.len() - 10) / 12) as u16;
+    bytes[8..10].copy_from_slice(&fields.to_le_bytes());
+    folder.refused("a.tif", bytes, &["byte 8", "overlap those of other pages"]);
     folder.refused("a.tif", b"II*\0\0\0\0\0", &["no pages"]);
     folder.refused("a.tif", b"II*\0\xff\xff\0\0", &["byte 65535", "the file has 8"]);
     folder.refused("a.tif", b"no TIFF", &["begins with II*"]);
