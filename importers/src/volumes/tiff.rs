@@ -19,7 +19,7 @@
 
 use crate::file::File;
 use crate::inflate;
-use crate::volumes::tiff_pages::{Page, pages};
+use crate::volumes::tiff_pages::{EXPANSION_LIMIT, Page, pages};
 use crate::volumes::voxels::Layout;
 use crate::{Content, Endian, ImportError, Note, OpenOptions, Opened, Place};
 use glam::DVec3;
@@ -38,6 +38,9 @@ pub(crate) struct Stack {
 
 /// The byte order in which samples are decoded.
 const NATIVE: Endian = if cfg!(target_endian = "big") { Endian::Big } else { Endian::Little };
+
+/// Bytes of a tile that is larger than its page, at most.
+const LARGEST_TILE: usize = 1 << 24;
 
 /// Reads a volume.
 pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportError> {
@@ -91,7 +94,9 @@ fn decode(file: &File, pages: &[Page<'_>], max_memory: u64) -> Result<Stack, Imp
     let mut limits = Limits::default();
     limits.decoding_buffer_size = page_bytes;
     // A strip or tile as it is in the file, or unpacked with what is beyond the page's edge.
-    limits.intermediate_buffer_size = page_bytes.saturating_mul(4).max(1 << 16).max(file.bytes.len());
+    let unpacked = page_bytes.saturating_mul(4).max(LARGEST_TILE);
+    let possible = file.bytes.len().saturating_mul(EXPANSION_LIMIT as usize);
+    limits.intermediate_buffer_size = unpacked.min(possible).max(file.bytes.len());
     let problem = |index: usize| {
         move |error: tiff::TiffError| file.malformed(place(index), format!("it cannot be decoded: {error}"))
     };

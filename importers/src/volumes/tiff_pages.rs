@@ -11,7 +11,7 @@ use std::collections::HashSet;
 
 /// Samples that a byte of the file can hold at most, where they are compressed: LZW's longest string has 4096 bytes and
 /// takes more than a byte.
-const EXPANSION_LIMIT: u64 = 4096;
+pub(super) const EXPANSION_LIMIT: u64 = 4096;
 
 /// A page.
 #[derive(Clone, Debug)]
@@ -69,12 +69,14 @@ pub(super) fn pages(file: &File) -> Result<Vec<Page<'_>>, ImportError> {
     let reader = Reader { file, endian, big };
     let mut next = reader.offset(if big { 8 } else { 4 })?;
     let (mut pages, mut seen) = (Vec::new(), HashSet::new());
+    // Tables that overlap could be as many as the file has bytes, each as large as the file.
+    let mut left = file.bytes.len();
     while next != 0 {
         if !seen.insert(next) {
             let problem = format!("page {} is followed by a page that was already there", pages.len());
             return Err(file.malformed(Place::Byte(next), problem));
         }
-        let (entries, after) = reader.directory(next)?;
+        let (entries, after) = reader.directory(next, &mut left)?;
         let page = reader.page(&entries, Place::Part(format!("page {}", pages.len() + 1)))?;
         pages.push(page);
         next = after;
@@ -113,12 +115,15 @@ impl<'a> Reader<'a> {
         Ok(usize::try_from(offset).unwrap_or(usize::MAX))
     }
 
-    /// The fields of the directory at a place, and where the next one is.
-    fn directory(&self, at: usize) -> Result<(Vec<Entry<'a>>, usize), ImportError> {
+    /// The fields of the directory at a place, and where the next one is. All tables together have `left` bytes.
+    fn directory(&self, at: usize, left: &mut usize) -> Result<(Vec<Entry<'a>>, usize), ImportError> {
         let (head, size) = if self.big { (8, 20) } else { (2, 12) };
         let count = self.number_at(at, head)?;
         let count = usize::try_from(count).unwrap_or(usize::MAX);
         let table = self.bytes(at + head, count.saturating_mul(size))?;
+        *left = left.checked_sub(table.len()).ok_or_else(|| {
+            self.file.malformed(Place::Byte(at), "its tables of fields overlap those of other pages")
+        })?;
         let mut entries = Vec::new();
         for (index, entry) in table.chunks(size).enumerate() {
             let (tag, kind) = (self.number(&entry[..2]), self.number(&entry[2..4]));

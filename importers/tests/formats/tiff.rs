@@ -45,8 +45,10 @@ impl Form {
             let at = bytes.len() as u64;
             bytes.extend(samples);
             let mut fields = fields.clone();
-            fields.push((273, 4, vec![at]));
-            fields.push((279, 4, vec![samples.len() as u64]));
+            let tiled = fields.iter().any(|field| field.0 == 322);
+            let (place, count) = if tiled { (324, 325) } else { (273, 279) };
+            fields.push((place, 4, vec![at]));
+            fields.push((count, 4, vec![samples.len() as u64]));
             fields.sort();
             let mut table = self.number(fields.len() as u64, if self.big_tiff { 8 } else { 2 });
             for (tag, kind, values) in fields {
@@ -190,6 +192,31 @@ fn compressions() {
         let pages = bytes_changed(|_, fields| set(fields, 259, compression));
         folder.refused("a.tif", LITTLE.file(&pages, None), &["page 1", "compression", name, "LZW (5)"]);
     }
+}
+
+/// A tile may be larger than its page.
+#[test]
+fn tiles() {
+    let pages = bytes_changed(|_, fields| {
+        fields.retain(|field| field.0 != 278);
+        set(fields, 259, 8);
+        set(fields, 322, 512);
+        set(fields, 323, 256);
+    });
+    let tile = |samples: &[u8]| {
+        let mut tile = vec![99; 512 * 256];
+        for (row, samples) in tile.chunks_mut(512).zip(samples.chunks(DIMS[0])) {
+            row[..DIMS[0]].copy_from_slice(samples);
+        }
+        zlib(&tile)
+    };
+    let pages: Vec<_> = pages.into_iter().map(|(fields, samples)| (fields, tile(&samples))).collect();
+    let folder = Folder::new();
+    assert_corner_marked(&folder.volume("a.tif", LITTLE.file(&pages, None)));
+    // One of 4 GB is none that the file holds.
+    let mut large = pages;
+    large.iter_mut().for_each(|page| set(&mut page.0, 322, 1 << 24));
+    folder.refused("a.tif", LITTLE.file(&large, None), &["page 1", "cannot be decoded"]);
 }
 
 #[test]
@@ -339,6 +366,17 @@ fn hostile_files() {
         }
     });
     folder.refused("a.tif", LITTLE.file(&pages, None), &["its pages need 96000 bytes"]);
+    // A second page at byte 8 whose table is the rest of the file, the first page within it.
+    let one = LITTLE.file(&bytes_changed(|_, _| ())[..1], None);
+    let table = u32::from_le_bytes(one[4..8].try_into().unwrap()) as usize;
+    let mut bytes = [&one[..table], &vec![0; 12 - table % 12 + 10], &one[table..]].concat();
+    let moved = (bytes.len() - (one.len() - table)) as u32;
+    bytes[4..8].copy_from_slice(&moved.to_le_bytes());
+    let next = bytes.len() - 4;
+    bytes[next..].copy_from_slice(&8_u32.to_le_bytes());
+    let fields = ((bytes.len() - 10) / 12) as u16;
+    bytes[8..10].copy_from_slice(&fields.to_le_bytes());
+    folder.refused("a.tif", bytes, &["byte 8", "overlap those of other pages"]);
     folder.refused("a.tif", b"II*\0\0\0\0\0", &["no pages"]);
     folder.refused("a.tif", b"II*\0\xff\xff\0\0", &["byte 65535", "the file has 8"]);
     folder.refused("a.tif", b"no TIFF", &["begins with II*"]);
