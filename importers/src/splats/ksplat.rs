@@ -107,8 +107,7 @@ pub(crate) fn read(file: &File) -> Result<Opened, ImportError> {
         return Err(wrong(16, format!("there should be {count} splats; the sections have {end}")));
     }
     let degree = sections.iter().map(|section| section.degree).max().unwrap_or(0);
-    let training =
-        Training { degree: degree as u8, filter: OpacityFilter::Classic, blend: Blend::Display };
+    let training = Training { degree: degree as u8, filter: OpacityFilter::Classic, blend: Blend::Display };
     let mut opened = gather(file, (count, ROWS), training, |range, sink| {
         let mut current = sections.partition_point(|section| section.end <= range.start);
         for row in range {
@@ -129,12 +128,7 @@ pub(crate) fn read(file: &File) -> Result<Opened, ImportError> {
 
 impl<'a> Section<'a> {
     /// The section that begins `rest`, which is moved past it; also how many splats there is room for.
-    fn new(
-        header: &[u8],
-        level: Level,
-        rest: &mut &'a [u8],
-        before: usize,
-    ) -> Result<(Self, usize), String> {
+    fn new(header: &[u8], level: Level, rest: &mut &'a [u8], before: usize) -> Result<(Self, usize), String> {
         let number = |at| le(header, at, u32::from_le_bytes).unwrap_or_default() as usize;
         let (count, room, capacity, bucket_count) = (number(0), number(4), number(8), number(12));
         let block = le(header, 16, f32::from_le_bytes).unwrap_or_default();

@@ -83,7 +83,8 @@ fn unpacked(degree: u16, splats: Vec<Vec<u8>>) -> Section {
 
 /// A full bucket of two around (10, 0, 0), one of one around (20, 0, 0), one of two around (30, 0, 0).
 fn bucketed(degree: u16, harmonics: &[u8]) -> Section {
-    let steps = [[1000, 1000, 1000], [2000, 1000, 1000], [1000, 1500, 1000], [1000, 1000, 0], [500, 1000, 1000]];
+    let steps =
+        [[1000, 1000, 1000], [2000, 1000, 1000], [1000, 1500, 1000], [1000, 1000, 0], [500, 1000, 1000]];
     Section {
         count: 5,
         room: 5,
@@ -110,7 +111,8 @@ fn sorted(splats: &Splats) -> Vec<Vec3> {
 fn splats_of_all_levels() {
     let folder = Folder::new();
     let plain = file(0, [0.0; 2], &[unpacked(0, vec![plain([1.0, 2.0, 3.0], &[])])]);
-    let packed = file(1, [0.0; 2], &[Section { count: 1, room: 1, full: 0, partial: vec![1], ..bucketed(0, &[]) }]);
+    let packed =
+        file(1, [0.0; 2], &[Section { count: 1, room: 1, full: 0, partial: vec![1], ..bucketed(0, &[]) }]);
     for (file, center) in [(plain, Vec3::new(1.0, 2.0, 3.0)), (packed, Vec3::new(10.0, 0.0, 0.0))] {
         let mut file = file;
         // What is behind the splats doesn't matter.
@@ -135,14 +137,18 @@ fn full_buckets_then_others() {
         let all = [section.clone(), Section { degree: 0, ..bucketed(0, &[]) }];
         let splats = splats(Folder::new().open("a.ksplat", file(level, [-1.0, 1.0], &all)));
         // Steps of 1/1000; the third splat is alone, the fourth and fifth share a bucket. All twice.
-        let once = [[10.0, 0.0, 0.0], [11.0, 0.0, 0.0], [20.0, 0.5, 0.0], [29.5, 0.0, 0.0], [30.0, 0.0, -1.0]];
+        let once =
+            [[10.0, 0.0, 0.0], [11.0, 0.0, 0.0], [20.0, 0.5, 0.0], [29.5, 0.0, 0.0], [30.0, 0.0, -1.0]];
         let twice: Vec<Vec3> = once.into_iter().flat_map(|center| [Vec3::from(center); 2]).collect();
         assert_eq!(sorted(&splats), twice);
         // The second section has no harmonics: they are 0.
         let harmonics = splats.harmonics.unwrap();
         assert_eq!((harmonics.degree, harmonics.coefficients.len()), (1, 30));
         let low = if level == 1 { 0.0 } else { -1.0 };
-        assert_eq!(harmonics.coefficients.iter().filter(|c| **c == [low; 3]).count(), if level == 1 { 30 } else { 15 });
+        assert_eq!(
+            harmonics.coefficients.iter().filter(|c| **c == [low; 3]).count(),
+            if level == 1 { 30 } else { 15 }
+        );
     }
 }
 
@@ -153,8 +159,18 @@ fn harmonics_by_degree_then_channel() {
     let bytes: Vec<u8> = (0..24).collect();
     let files = [
         (file(0, [0.0; 2], &[unpacked(2, vec![plain([0.0; 3], &values)])]), 1.0 / 32.0),
-        (file(1, [0.0; 2], &[Section { splats: vec![packed([0; 3], &halves(&values)); 5], ..bucketed(2, &[]) }]), 1.0 / 32.0),
-        (file(2, [0.0, 0.0], &[Section { splats: vec![packed([0; 3], &bytes); 5], ..bucketed(2, &[]) }]), 3.0 / 255.0),
+        (
+            file(
+                1,
+                [0.0; 2],
+                &[Section { splats: vec![packed([0; 3], &halves(&values)); 5], ..bucketed(2, &[]) }],
+            ),
+            1.0 / 32.0,
+        ),
+        (
+            file(2, [0.0, 0.0], &[Section { splats: vec![packed([0; 3], &bytes); 5], ..bucketed(2, &[]) }]),
+            3.0 / 255.0,
+        ),
     ];
     for (level, (file, step)) in files.into_iter().enumerate() {
         let harmonics = splats(Folder::new().open("a.ksplat", file)).harmonics.unwrap();
@@ -176,7 +192,11 @@ fn places_that_are_not_filled() {
     let mut section = bucketed(0, &[]);
     section.count = 4;
     let opened = Folder::new().open("a.ksplat", file(1, [0.0; 2], &[section])).unwrap();
-    assert!(matches!(&opened.notes[..], [Note::LeftOut(what)] if what.contains("1 of 5 places")), "{:?}", opened.notes);
+    assert!(
+        matches!(&opened.notes[..], [Note::LeftOut(what)] if what.contains("1 of 5 places")),
+        "{:?}",
+        opened.notes
+    );
     assert_eq!(splats(Ok(opened)).centers.len(), 4);
 }
 

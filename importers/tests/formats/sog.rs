@@ -49,11 +49,14 @@ impl Scene {
     fn new(version: u8, palette: bool) -> Self {
         let (head, scales, colors, palettes) = if version == 2 {
             let coded = format!("\"codebook\": {}", codebook());
-            let palette = format!(r#", "shN": {{"count": 65, "bands": 1, {coded}, "files": ["shN_centroids.webp", "shN_labels.webp"]}}"#);
+            let palette = format!(
+                r#", "shN": {{"count": 65, "bands": 1, {coded}, "files": ["shN_centroids.webp", "shN_labels.webp"]}}"#
+            );
             (r#""version": 2, "count": 3,"#, coded.clone(), coded, palette)
         } else {
             let scales = r#""mins": [-2, -2, -2], "maxs": [1.984375, 1.984375, 1.984375]"#.to_owned();
-            let colors = r#""mins": [-2, -2, -2, -2], "maxs": [1.984375, 1.984375, 1.984375, 1.984375]"#.to_owned();
+            let colors =
+                r#""mins": [-2, -2, -2, -2], "maxs": [1.984375, 1.984375, 1.984375, 1.984375]"#.to_owned();
             let palette = r#", "shN": {"mins": -2, "maxs": 1.984375, "files": ["shN_centroids.webp", "shN_labels.webp"]}"#;
             ("", scales, colors, palette.to_owned())
         };
@@ -77,7 +80,10 @@ impl Scene {
             // Entry 1, second coefficient; entry 64, the first of the second row.
             entries[3 + 1] = [192, 128, 64, 255];
             entries[192] = [128, 160, 128, 255];
-            [webp_rgb(192, &entries), webp(2, &[[1, 0, 0, 255], [64, 0, 0, 255], [0, 0, 0, 255], [9, 9, 9, 9]])]
+            [
+                webp_rgb(192, &entries),
+                webp(2, &[[1, 0, 0, 255], [64, 0, 0, 255], [0, 0, 0, 255], [9, 9, 9, 9]]),
+            ]
         });
         Self {
             meta,
@@ -113,7 +119,8 @@ impl Scene {
     fn zip(&self, method: zip::CompressionMethod) -> Vec<u8> {
         let mut archive = zip::ZipWriter::new(Cursor::new(Vec::new()));
         let options = zip::write::SimpleFileOptions::default().compression_method(method);
-        for (name, bytes) in self.images().into_iter().chain([("meta.json", self.meta.clone().into_bytes())]) {
+        for (name, bytes) in self.images().into_iter().chain([("meta.json", self.meta.clone().into_bytes())])
+        {
             archive.start_file(name, options).unwrap();
             archive.write_all(&bytes).unwrap();
         }
@@ -160,12 +167,13 @@ fn both_versions_alike() {
         let place = |of: f64| f64::exp_m1((of / 65535.0 * 2.0 - 1.0) * 4_f64.ln()) as f32;
         let middle = at(&splats, Vec3::new(place(33023.0), place(32768.0), 0.0));
         let last = at(&splats, Vec3::new(-3.0, -3.0, 3.0));
-        // Byte 128 of a quaternion is 1/255 · √½ off 0; twice that in a matrix, by e at most.
+        // Half a step of a component is √½/255 = 0.0028; an entry of a matrix moves by twice the sum of four components
+        // of ½ as much, and half-axes are e long at most.
         let e = std::f32::consts::E;
         let own = Vec3::new(e, 1.0, 1.0 / e);
         let close = |index: usize, turn: Mat3| {
             let factor = splats.shapes.factor(index);
-            assert!(factor.abs_diff_eq(turn * Mat3::from_diagonal(own), 0.02), "{factor}");
+            assert!(factor.abs_diff_eq(turn * Mat3::from_diagonal(own), 0.031), "{factor}");
         };
         close(corner, Mat3::IDENTITY);
         close(middle, Mat3::from_diagonal(Vec3::new(1.0, -1.0, -1.0)));
@@ -174,7 +182,8 @@ fn both_versions_alike() {
         let Strength::Opacity { peaks, filter } = &splats.strength else { panic!() };
         assert_eq!(*filter, OpacityFilter::Classic);
         let logit = |logit: f32| 1.0 / (1.0 + (-logit).exp());
-        let expected = if version == 2 { [1.0, 0.2] } else { [logit(1.984_375), logit((51.0 - 128.0) / 64.0)] };
+        let expected =
+            if version == 2 { [1.0, 0.2] } else { [logit(1.984_375), logit((51.0 - 128.0) / 64.0)] };
         assert!((peaks[corner] - expected[0]).abs() < 1e-6 && (peaks[middle] - expected[1]).abs() < 1e-6);
         // Coefficients 1, 0, −1: 0.5 ± 0.28209 display-encoded; sRGB's 0.78209 is 0.57337 linear.
         let [r, g, b] = splats.colors[corner];
@@ -185,7 +194,11 @@ fn both_versions_alike() {
         let zero = [0.0; 3];
         let of = |index: usize| &harmonics.coefficients[3 * index..][..3];
         let near = |index: usize, expected: [[f32; 3]; 3]| {
-            let all = of(index).as_flattened().iter().zip(expected.as_flattened()).all(|(a, b)| (a - b).abs() < 1e-5);
+            let all = of(index)
+                .as_flattened()
+                .iter()
+                .zip(expected.as_flattened())
+                .all(|(a, b)| (a - b).abs() < 1e-5);
             assert!(all, "{:?}", of(index));
         };
         near(corner, [zero, [1.0, 0.0, -1.0], zero]);
@@ -232,7 +245,11 @@ fn codebooks_with_gaps() {
     let mut scene = Scene::new(2, false).with("[-2,", "[null,");
     scene.scales = webp(2, &[[0, 128, 64, 255]; 4]);
     let opened = Folder::new().open("a.sog", scene.zip(zip::CompressionMethod::Stored)).unwrap();
-    assert!(matches!(&opened.notes[..], [Note::Assumed(what)] if what.contains("scales")), "{:?}", opened.notes);
+    assert!(
+        matches!(&opened.notes[..], [Note::Assumed(what)] if what.contains("scales")),
+        "{:?}",
+        opened.notes
+    );
     let length = splats(Ok(opened)).shapes.factor(0).x_axis.length();
     assert!((length - (-2.0_f32).exp()).abs() < 1e-4, "{length}");
     // Entries that are not there, and alphas that name no component, are no splats.
@@ -240,7 +257,8 @@ fn codebooks_with_gaps() {
     scene.scales = webp(2, &[[1, 1, 1, 255], [2, 1, 1, 255], [1, 1, 1, 255], [1, 1, 1, 255]]);
     scene.quats = webp(2, &[[128, 128, 128, 252], [128, 128, 128, 252], [128, 128, 128, 251], [0; 4]]);
     let opened = Folder::new().open("a.sog", scene.zip(zip::CompressionMethod::Stored)).unwrap();
-    let said = "2 of 3 splats: 2 with a number that is NaN, infinite or out of its range (the first is splat 1)";
+    let said =
+        "2 of 3 splats: 2 with a number that is NaN, infinite or out of its range (the first is splat 1)";
     assert_eq!(opened.notes, [Note::LeftOut(said.into())]);
 }
 

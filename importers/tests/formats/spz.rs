@@ -26,11 +26,11 @@ impl Table {
     /// Splats at (1, 2, 3) and (−1, −2, −3) on the file's axes, with σ = 1 and no turn.
     fn new(version: u32, degree: u8) -> Self {
         let positions = match version {
-            1 => [1.0, 2.0, 3.0, -1.0, -2.0, -3.0]
+            1 => [1.0, 2.0, 3.0, -1.0, -2.0, -3.0].iter().flat_map(|c| half(*c).to_le_bytes()).collect(),
+            _ => [1, 2, 3, -1, -2, -3]
                 .iter()
-                .flat_map(|c| half(*c).to_le_bytes())
+                .flat_map(|c: &i32| (c * 256).to_le_bytes()[..3].to_vec())
                 .collect(),
-            _ => [1, 2, 3, -1, -2, -3].iter().flat_map(|c: &i32| (c * 256).to_le_bytes()[..3].to_vec()).collect(),
         };
         let rotation: &[u8] = if version < 3 { &[128, 128, 128] } else { &[0, 0, 0, 0b1100_0000] };
         let harmonics = 6 * ((usize::from(degree) + 1).pow(2) - 1);
@@ -245,7 +245,11 @@ fn degree_4_is_left_out() {
     table.harmonics.truncate(72);
     table.harmonics[0] = 64;
     let opened = table.opened();
-    assert!(matches!(&opened.notes[..], [Note::LeftOut(what)] if what.contains("degree 4")), "{:?}", opened.notes);
+    assert!(
+        matches!(&opened.notes[..], [Note::LeftOut(what)] if what.contains("degree 4")),
+        "{:?}",
+        opened.notes
+    );
     let harmonics = splats(Ok(opened)).harmonics.unwrap();
     assert_eq!((harmonics.degree, harmonics.coefficients.len()), (3, 15));
     assert_eq!(harmonics.coefficients[0], [0.5, 0.0, 0.0]);
@@ -285,9 +289,9 @@ fn what_is_refused() {
     };
     refuse(&|table| table.degree = 5, &["byte 12", "degree 5", "0 to 4"]);
     refuse(&|table| table.bits = 25, &["byte 13", "25 fractional bits"]);
-    refuse(&|table| table.count = 0, &["no splats"]);
     refuse(&|table| table.count = u32::MAX, &[]);
-    let system = |number| move |table: &mut Table| (table.flags, table.extensions) = (2, coordinate_system(number));
+    let system =
+        |number| move |table: &mut Table| (table.flags, table.extensions) = (2, coordinate_system(number));
     refuse(&system(12), &["extensions", "coordinate system 12", "turned"]);
     refuse(&system(17), &["extensions", "1 to 16"]);
     refuse(&|table| (table.flags, table.extensions) = (2, vec![1; 7]), &["breaks off after 7 of 8"]);
@@ -296,7 +300,13 @@ fn what_is_refused() {
         &["4 bytes", "there are 3"],
     );
 
-    folder.refused("a.spz", Table { version: 5, ..Table::new(4, 0) }.plain(), &["byte 4", "version 5", "1 to 4"]);
+    let none = Table { count: 0, ..Table::new(2, 0) };
+    folder.refused("a.spz", none.header(0), &["no splats", "0 rows"]);
+    folder.refused(
+        "a.spz",
+        Table { version: 5, ..Table::new(4, 0) }.plain(),
+        &["byte 4", "version 5", "1 to 4"],
+    );
     folder.refused("a.spz", "NGS", &["byte 0", "NGSP"]);
     folder.refused("a.spz", gzip(b"NGSX............"), &["byte 0", "NGSP"]);
     let plain = Table::new(2, 0).plain();

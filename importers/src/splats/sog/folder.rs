@@ -20,9 +20,7 @@ impl<'a> Folder<'a> {
     /// The bytes of the file `name`; what a zip file unpacks to is taken from the budget.
     pub(super) fn read(&mut self, name: &str, budget: &mut u64) -> Result<Vec<u8>, ImportError> {
         match self {
-            Self::Beside(file) => {
-                file.read_named(Place::Part("files".into()), name).map(|named| named.bytes)
-            }
+            Self::Beside(file) => file.read_named(Place::Part("files".into()), name).map(|named| named.bytes),
             Self::Zip(file, archive) => unzip(archive, name, budget)
                 .map_err(|problem| file.malformed(Place::Part(name.to_owned()), problem)),
         }

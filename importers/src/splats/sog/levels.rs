@@ -51,9 +51,8 @@ impl Levels {
         if let Some(part) = parts.iter().find(|part| part.file >= self.filenames.len()) {
             return Err(format!("a node names file {}; there are {}", part.file, self.filenames.len()));
         }
-        let overlap = |pair: &&[Part]| {
-            pair[0].file == pair[1].file && pair[1].offset - pair[0].offset < pair[0].count
-        };
+        let overlap =
+            |pair: &&[Part]| pair[0].file == pair[1].file && pair[1].offset - pair[0].offset < pair[0].count;
         if let Some(pair) = parts.windows(2).find(overlap) {
             let Part { file, offset, .. } = pair[1];
             return Err(format!("two nodes of level {level} have splat {offset} of file {file}"));

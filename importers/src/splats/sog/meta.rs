@@ -89,7 +89,8 @@ impl Tables {
         }
         // Version 1 doesn't say its number.
         let coded = meta.version == Some(2);
-        let stated = if coded { meta.count } else { meta.means.shape.as_ref().and_then(|s| s.first().copied()) };
+        let stated =
+            if coded { meta.count } else { meta.means.shape.as_ref().and_then(|s| s.first().copied()) };
         let Some(count) = stated else {
             return Err(format!("there is no {}", if coded { "count" } else { "means.shape" }));
         };
@@ -141,7 +142,9 @@ impl Coded {
         let (Some(mins), Some(maxs)) = (of(&self.mins), of(&self.maxs)) else {
             return Err(format!("{name} needs mins and maxs of {count} channels"));
         };
-        Ok(array::from_fn(|channel| if channel < count { lerp(mins[channel], maxs[channel]) } else { [0.0; 256] }))
+        Ok(array::from_fn(
+            |channel| if channel < count { lerp(mins[channel], maxs[channel]) } else { [0.0; 256] },
+        ))
     }
 }
 

@@ -85,7 +85,8 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportE
         scenes.push(scene);
     }
     if levels.count > 1 {
-        let others = format!("the other {} of {} levels of detail; this is {level}", levels.count - 1, levels.count);
+        let others =
+            format!("the other {} of {} levels of detail; this is {level}", levels.count - 1, levels.count);
         notes.push(Note::LeftOut(others));
     }
     merge(file, (&scenes, &parts), budget, notes)

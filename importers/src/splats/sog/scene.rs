@@ -83,8 +83,7 @@ impl Scene {
         let decoded: Vec<Texture> = decoded.into_iter().collect::<Result<_, _>>().map_err(wrong)?;
         let mut decoded = decoded.into_iter();
         let mut next = || decoded.next().ok_or_else(|| wrong("an image is missing".into()));
-        let means =
-            Means { mins: meta.means.mins, maxs: meta.means.maxs, low: next()?, high: next()? };
+        let means = Means { mins: meta.means.mins, maxs: meta.means.maxs, low: next()?, high: next()? };
         let (rotations, scales, colors) = (next()?, next()?, next()?);
         let palette = match (&tables.palette, shape) {
             (Some(palette), Some((degree, count))) => {

@@ -26,7 +26,9 @@ impl Packed {
         let wrong = |problem: String| format!("{name}: {problem}");
         let mut decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(|error| wrong(error.to_string()))?;
         if decoder.is_lossy() || decoder.is_animated() {
-            return Err(wrong("must be a lossless WebP image; other coding changes the numbers in it".into()));
+            return Err(wrong(
+                "must be a lossless WebP image; other coding changes the numbers in it".into(),
+            ));
         }
         let (width, height) = decoder.dimensions();
         let (width, height) = (width as usize, height as usize);

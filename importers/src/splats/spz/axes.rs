@@ -29,8 +29,7 @@ impl Axes {
     }
 
     fn new([x, y, z]: [f32; 3]) -> Self {
-        let harmonics =
-            [y, z, x, x * y, y * z, 1.0, x * z, 1.0, y, x * y * z, y, z, x, z, x];
+        let harmonics = [y, z, x, x * y, y * z, 1.0, x * z, 1.0, y, x * y * z, y, z, x, z, x];
         Self { center: [x, y, z], rotation: [y * z, x * z, x * y], harmonics }
     }
 

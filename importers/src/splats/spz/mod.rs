@@ -258,9 +258,8 @@ impl Header {
                     Axes::of_format()
                 }
                 Some(number @ 9..=16) => {
-                    let feature = format!(
-                        "coordinate system {number}, with axes turned about x; 1 to 8 are supported"
-                    );
+                    let feature =
+                        format!("coordinate system {number}, with axes turned about x; 1 to 8 are supported");
                     return Err(file.unsupported(Place::Part("extensions".into()), feature));
                 }
                 number => number.and_then(Axes::numbered).ok_or_else(|| {
