@@ -149,7 +149,7 @@ pub(crate) fn examples() -> Vec<Seed> {
     let levels = br#"{"lodLevels":2,"environment":null,"filenames":["a.sog"],"tree":{"children":[{"lods":
 {"0":{"file":0,"offset":0,"count":2},"1":{"file":0,"offset":1,"count":1}}},{"lods":{"0":{"file":0,"offset":2,"count":1}}}]}}"#;
     let beside = vec![("a.sog", Scene::new(2, true).zip(zip::CompressionMethod::Stored))];
-    vec![zipped, small.seed(), Seed { name: "lod-meta.json", bytes: levels.to_vec(), beside }]
+    vec![zipped, Scene::new(1, true).seed(), Seed { name: "lod-meta.json", bytes: levels.to_vec(), beside }]
 }
 
 fn at(splats: &Splats, center: Vec3) -> usize {
