@@ -175,5 +175,33 @@ fn seeds_are_written_for_fuzzing() {
         let target = folder.join(seed.name.rsplit('.').next().unwrap());
         std::fs::create_dir_all(&target).unwrap();
         std::fs::write(target.join(format!("seed_{index}")), &seed.bytes).unwrap();
+/// Images of splats beside the text that names them: in a zip file a checksum would stand before them.
+fn sog_images() {
+    let Seed { name, bytes: text, beside } = seeds::sog().remove(1);
+    let folder = Folder::new();
+    let path = folder.write(name, text);
+    beside.iter().for_each(|(image, good)| drop(folder.write(image, good)));
+    let outcome = || {
+        if let Ok(opened) = oblate_importers::open(&path, &Default::default()) {
+            check(&opened);
+        }
+    };
+    for (image, good) in &beside {
+        let mut copy = good.clone();
+        for at in 0..good.len() {
+            folder.write(image, &good[..at]);
+            outcome();
+            for mask in [1 << (at % 8), 0xff] {
+                copy[at] ^= mask;
+                folder.write(image, &copy);
+                outcome();
+                copy[at] = good[at];
+            }
+        }
+        proptest!(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }, |(changes in vec(change(), 1..4))| {
+            folder.write(image, changed(good.clone(), &changes));
+            outcome();
+        });
+        folder.write(image, good);
     }
 }

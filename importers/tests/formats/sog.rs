@@ -149,7 +149,7 @@ pub(crate) fn examples() -> Vec<Seed> {
     let levels = br#"{"lodLevels":2,"environment":null,"filenames":["a.sog"],"tree":{"children":[{"lods":
 {"0":{"file":0,"offset":0,"count":2},"1":{"file":0,"offset":1,"count":1}}},{"lods":{"0":{"file":0,"offset":2,"count":1}}}]}}"#;
     let beside = vec![("a.sog", Scene::new(2, true).zip(zip::CompressionMethod::Stored))];
-    vec![zipped, small.seed(), Seed { name: "lod-meta.json", bytes: levels.to_vec(), beside }]
+    vec![zipped, Scene::new(1, true).seed(), Seed { name: "lod-meta.json", bytes: levels.to_vec(), beside }]
 }
 
 fn at(splats: &Splats, center: Vec3) -> usize {
@@ -167,12 +167,13 @@ fn both_versions_alike() {
         let place = |of: f64| f64::exp_m1((of / 65535.0 * 2.0 - 1.0) * 4_f64.ln()) as f32;
         let middle = at(&splats, Vec3::new(place(33023.0), place(32768.0), 0.0));
         let last = at(&splats, Vec3::new(-3.0, -3.0, 3.0));
-        // Byte 128 of a quaternion is 1/255 · √½ off 0; twice that in a matrix, by e at most.
+        // Half a step of a component is √½/255 = 0.0028; an entry of a matrix moves by twice the sum of four components
+        // of ½ as much, and half-axes are e long at most.
         let e = std::f32::consts::E;
         let own = Vec3::new(e, 1.0, 1.0 / e);
         let close = |index: usize, turn: Mat3| {
             let factor = splats.shapes.factor(index);
-            assert!(factor.abs_diff_eq(turn * Mat3::from_diagonal(own), 0.02), "{factor}");
+            assert!(factor.abs_diff_eq(turn * Mat3::from_diagonal(own), 0.031), "{factor}");
         };
         close(corner, Mat3::IDENTITY);
         close(middle, Mat3::from_diagonal(Vec3::new(1.0, -1.0, -1.0)));
