@@ -25,7 +25,7 @@ const FACET: usize = 50;
 /// Whether `bytes` begin like an STL file: text that says so, or the size that a binary one declares.
 pub(crate) fn is_stl(bytes: &[u8]) -> bool {
     let head = &bytes[..bytes.len().min(1024)];
-    let has_facet = || head.windows(5).any(|word| word == b"facet");
+    let has_facet = || head.windows(5).any(|word| word.eq_ignore_ascii_case(b"facet"));
     declared(bytes).is_some_and(|facets| facets > 0 && binary_size(facets) == Some(bytes.len()))
         || (is_text(bytes) && has_facet())
 }

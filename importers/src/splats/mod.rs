@@ -1,8 +1,8 @@
 //! Trained Gaussian splats: what all their formats come to.
 //!
 //! Kerbl, Kopanas, Leimkühler, Drettakis, *3D Gaussian Splatting for Real-Time Radiance Field Rendering*, 2023.
-//! A reader turns a file's numbers to [`Trained`] records; [`gather`] checks them and makes splats of them, and
-//! [`trained`] goes the way back for writers. Whatever the format, a record is left out, counted and reported if it
+//! A reader turns a file's numbers to `Trained` records; `gather` checks them and makes splats of them, and
+//! `trained` goes the way back for writers. Whatever the format, a record is left out, counted and reported if it
 //! is no splat:
 //!
 //! - a number of it is not one (NaN, or infinite where that means nothing);

@@ -236,8 +236,8 @@ fn quantized_and_sparse() {
 fn quantized_attributes() {
     let folder = Folder::new();
     // The type, and bytes of low, high and one half of it.
-    let types: [(u32, [Vec<u8>; 3], [f32; 3], f32); 4] = [
-        (5120, [vec![0x81], vec![127], vec![64]], [-127.0, 127.0, 64.0], 127.0),
+    let types = [
+        (5120, [vec![0x81], vec![127], vec![64]], [-127.0_f32, 127.0, 64.0], 127.0_f32),
         (5121, [vec![0], vec![255], vec![51]], [0.0, 255.0, 51.0], 255.0),
         (5122, [le!(i16: -32768), le!(i16: 32767), le!(i16: 7)], [-32768.0, 32767.0, 7.0], 32767.0),
         (5123, [le!(u16: 0), le!(u16: 65535), le!(u16: 3)], [0.0, 65535.0, 3.0], 65535.0),

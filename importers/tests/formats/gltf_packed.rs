@@ -158,11 +158,18 @@ mod unpacked {
         refuse(0, (4, 12, r#""mode":"ATTRIBUTES","filter":"QUATERNION""#), &["byteStride is 12", "[8]"]);
         refuse(0, (99, 12, ATTRIBUTES), &["broken"]);
         refuse(0, (1 << 40, 12, ATTRIBUTES), &["cannot hold"]);
-        refuse(0, (4, 12, r#""mode":"ATTRIBUTES","filter":"EXPONENTIAL","byteLength":2"#), &["duplicate"]);
         refuse(1, (7, 2, r#""mode":"TRIANGLES""#), &["count is 7", "multiple of 3"]);
         refuse(1, (6, 3, r#""mode":"TRIANGLES""#), &["byteStride is 3", "[2, 4]"]);
         refuse(1, (6, 2, r#""mode":"INDICES","filter":"COLOR""#), &["no filter"]);
         refuse(1, (6, 2, r#""mode":"INDICES""#), &["broken"]);
+        let mut strange = streams(0);
+        strange[3] = packed(&[[0_u8, 0, 0, 0x7f]; 4], 0);
+        let mut views = VIEWS;
+        views[3].2 = r#""mode":"ATTRIBUTES","filter":"EXPONENTIAL""#;
+        folder.refused("a.glb", square(EXT, views, &strange), &["exponent of number 0", "-100 to 100"]);
+        strange[3] = packed(&[[0_u8; 4]; 4], 0);
+        views[3].2 = r#""mode":"ATTRIBUTES","filter":"COLOR""#;
+        folder.refused("a.glb", square(EXT, views, &strange), &["element 0 has no scale"]);
         // Colours have no unit in their third number.
         refuse(3, (4, 4, r#""mode":"ATTRIBUTES","filter":"OCTAHEDRAL""#), &["element 0 has no scale"]);
     }
@@ -174,11 +181,11 @@ mod unpacked {
             ($($words:literal)*) => {$(
                 let elements: Vec<[u8; 4 * $words]> =
                     (0..4_usize).map(|i| std::array::from_fn(|b| if b < 12 { POSITIONS[i][b / 4].to_le_bytes()[b % 4] } else { (i * 7 + b) as u8 })).collect();
-                let mut streams = streams(0);
-                streams[0] = packed(&elements, 0);
+                let mut packed_streams = streams(0);
+                packed_streams[0] = packed(&elements, 0);
                 let mut views = VIEWS;
                 views[0].1 = 4 * $words;
-                check(square(EXT, views, &streams));
+                check(square(EXT, views, &packed_streams));
             )*};
         }
         stride!(3 4 7 16 33 63 64);

@@ -116,7 +116,7 @@ fn what_is_wrong_is_said() {
     refuse(&bytes, &["byte 158", "corner 1 of facet 1", "finite"]);
 
     let changed = |from: &str, to: &str| ascii().replacen(from, to, 1).into_bytes();
-    refuse(&changed("  vertex 0e0 0 0\n", ""), &["line 6", "fewer than three"]);
+    refuse(&changed("  vertex 0e0 0 0\n", ""), &["line 7", "fewer than three"]);
     refuse(&changed(" endloop", "vertex 1 2 3\n endloop"), &["line 7", "three corners"]);
     refuse(&changed("vertex 0e0 0 0", "vertex 0e0 0"), &["line 4", "three finite numbers"]);
     refuse(&changed("vertex 0e0 0 0", "vertex 0e0 0 0 1"), &["line 4", "three finite numbers"]);
