@@ -95,7 +95,7 @@ pub(crate) fn splat() -> Vec<Seed> {
 pub(crate) fn gltf() -> Vec<Seed> {
     vec![
         alone("a.glb", crate::gltf::example_glb()),
-        Seed { name: "a.gltf", bytes: crate::gltf::example_gltf().into(), beside: vec![("a.png", png())] },
+        Seed { name: "a.gltf", bytes: crate::gltf::example_gltf(), beside: vec![("a.png", png())] },
     ]
 }
 
