@@ -11,7 +11,7 @@
 //!   of a splat without any extent gets e⁻⁴⁰, and no logarithm is beyond ±40.
 
 use super::ExportError;
-use super::records::Records;
+use super::records::{Records, bound, bounded};
 use crate::Note;
 use crate::ply::CONSTANT_HARMONIC;
 use crate::splats::{LARGEST_LOG_SCALE, Trained};
@@ -38,15 +38,16 @@ pub(crate) fn write(
     let [mut certain, mut flat, mut far] = [0, 0, 0];
     let mut bytes = Vec::new();
     for index in 0..records.count() {
-        let trained = records.get(index);
+        let mut trained = records.get(index);
         let longest = trained.log_scales.into_iter().fold(f32::NEG_INFINITY, f32::max);
-        let log_scale = |s: f32| if s == f32::NEG_INFINITY { longest + FLAT } else { s };
-        let bounded = |s: f32| log_scale(s).clamp(-LARGEST_LOG_SCALE, LARGEST_LOG_SCALE);
         certain += usize::from(trained.opacity == 0.0 || trained.opacity == 1.0);
         flat += usize::from(trained.log_scales.contains(&f32::NEG_INFINITY));
-        far += usize::from(trained.log_scales.iter().any(|s| s.is_finite() && bounded(*s) != *s));
+        far += usize::from(bound(&mut trained));
+        let portable =
+            |s: f32| if s == f32::NEG_INFINITY { (longest + FLAT).max(-LARGEST_LOG_SCALE) } else { s };
+        trained.log_scales = trained.log_scales.map(portable);
         bytes.clear();
-        let row = row(Trained { log_scales: trained.log_scales.map(bounded), ..trained }, records.per_splat);
+        let row = row(trained, records.per_splat);
         row.for_each(|number| bytes.extend(number.to_le_bytes()));
         out.write_all(&bytes)?;
     }
@@ -58,9 +59,7 @@ pub(crate) fn write(
         let what = "flat splats, whose half-axes of length 0 are written as 2⁻²⁴ of their longest";
         notes.push(Note::Rounded(format!("{flat} {what}")));
     }
-    if far > 0 {
-        notes.push(Note::Rounded(format!("{far} splats with lengths beyond e^±40, cut off there")));
-    }
+    notes.extend(bounded(far));
     if blend == Blend::Linear {
         let what = "that colours mix in linear light: readers of this format mix them display-encoded";
         notes.push(Note::LeftOut(what.into()));

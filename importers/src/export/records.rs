@@ -1,7 +1,8 @@
 //! Splats as writers of trained formats take them: one record after another.
 
 use super::ExportError;
-use crate::splats::{Trained, trained};
+use crate::Note;
+use crate::splats::{LARGEST_LOG_SCALE, Trained, trained};
 use oblate_engine::{OpacityFilter, Shapes, Splats, Strength};
 
 /// Splats with opacities, whose arrays have one length.
@@ -47,4 +48,18 @@ impl<'a> Records<'a> {
         // Peaks are opacities: this was asked.
         trained(self.splats, index).unwrap_or_default()
     }
+}
+
+/// Puts lengths into the range that readers take; whether any was beyond it.
+pub(crate) fn bound(trained: &mut Trained) -> bool {
+    let before = trained.log_scales;
+    let bounded = |s: f32| if s.is_finite() { s.clamp(-LARGEST_LOG_SCALE, LARGEST_LOG_SCALE) } else { s };
+    trained.log_scales = before.map(bounded);
+    trained.log_scales != before
+}
+
+/// What is to be said of `count` splats that were out of this range.
+pub(crate) fn bounded(count: usize) -> Option<Note> {
+    let said = || Note::Rounded(format!("{count} splats with lengths beyond e^±40, cut off there"));
+    (count > 0).then(said)
 }

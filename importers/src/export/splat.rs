@@ -5,7 +5,7 @@
 //! since a byte says −1 but not 1. Places and σ are exact; all else is rounded to the nearest of 256 steps.
 
 use super::ExportError;
-use super::records::Records;
+use super::records::{Records, bound, bounded};
 use crate::Note;
 use crate::splats::Trained;
 use crate::splats::splat::SIZE;
@@ -25,9 +25,10 @@ pub(crate) fn write(splats: &Splats, out: &mut (impl Write + ?Sized)) -> Result<
     };
     let mut order: Vec<(f64, usize)> = (0..records.count()).map(weight).collect();
     order.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut cut_off = 0;
+    let [mut cut_off, mut far] = [0, 0];
     for (_, index) in order {
-        let trained = records.get(index);
+        let mut trained = records.get(index);
+        far += usize::from(bound(&mut trained));
         cut_off += usize::from(!trained.color.iter().all(|c| (0.0..=1.0).contains(c)));
         out.write_all(&row(&trained))?;
     }
@@ -43,6 +44,7 @@ pub(crate) fn write(splats: &Splats, out: &mut (impl Write + ?Sized)) -> Result<
     if cut_off > 0 {
         notes.push(Note::Rounded(format!("{cut_off} colours cut off at 0 or 1")));
     }
+    notes.extend(bounded(far));
     notes.push(Note::Rounded("colours, opacities and rotations to 8 bits a number".into()));
     Ok(notes)
 }

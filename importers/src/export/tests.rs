@@ -175,10 +175,10 @@ fn certain_opacities_are_finite_logits() {
 #[test]
 fn flat_splats_stay_next_to_flat() {
     let flat = f32::NEG_INFINITY;
-    let tiny = One { log_scales: [-50.0, -1.0, -1.0], ..plain() };
-    let all =
-        [[0.0, flat, -1.0], [flat, 2.0, flat], [flat; 3]].map(|log_scales| One { log_scales, ..plain() });
-    let before = splats(&[&all[..], &[tiny]].concat(), 1, OpacityFilter::Classic);
+    let all = [[0.0, flat, -1.0], [flat, 2.0, flat], [flat; 3], [-50.0, -1.0, -1.0]];
+    let at = |(i, log_scales): (usize, [f32; 3])| One { log_scales, center: [i as f32, 0.0, 0.0], ..plain() };
+    let all: Vec<One> = all.into_iter().enumerate().map(at).collect();
+    let before = splats(&all, 1, OpacityFilter::Classic);
     let (bytes, notes) = ply(&before);
     let said = [
         "3 flat splats, whose half-axes of length 0 are written as 2⁻²⁴ of their longest",

@@ -8,19 +8,44 @@
 //! programs write them.
 //! - `x y z`: the centre. The axes stay the file's; scenes reconstructed from photographs are commonly y down.
 //! - `opacity`: the logit of the peak opacity. It may be infinite: opacity 0 or 1.
-//! - `scale_0..2`: logarithms of the half-axes' lengths (σ); −∞ is a flat splat.
+//! - `scale_0..2`: logarithms of the half-axes' lengths (σ); −∞ is a flat splat. Without `scale_2` all are flat, as
+//!   Huang, Yu, Chen, Geiger, Gao, *2D Gaussian Splatting for Geometrically Accurate Radiance Fields*, 2024, has them.
 //! - `rot_0..3`: the half-axes' rotation as a quaternion w x y z of any length but 0.
-//! - `f_dc_0..2`: the colour, as (display-encoded value − ½)/0.28209479.
+//! - `f_dc_0..2`: the colour, as (display-encoded value − ½)/0.28209479. A file without them may have
+//!   `red green blue`, display-encoded, uchar or ushort, instead.
 //! - `f_rest_*`: none, 9, 24 or 45 coefficients of spherical harmonics up to degree 1, 2 or 3: all of red, then
 //!   all of green, then all of blue.
 //! - `filter_3D` where given: the standard deviation of the filter of Yu, Chen, Huang, Sattler, Geiger,
 //!   *Mip-Splatting*, 2024, eq. 7, which is taken into the splat's shape and opacity.
 //! - Opacities were trained with a [filter of the pixel](oblate_engine::OpacityFilter) that is `Compensated` where
-//!   `filter_3D` is given, `Classic` where it isn't. Comments `SplatRenderMode: default` or `mip`, `antialiased 0` or `1`
-//!   say so too; the last one counts, before `filter_3D`.
+//!   `filter_3D` is given, `Classic` where it isn't. Comments `SplatRenderMode: default`, `mip` or `2dgs`,
+//!   `antialiased 0` or `1` say so too; the last one counts, before `filter_3D`. (2DGS has a filter of its own, which keeps
+//!   peaks: `Classic` is next to it.)
 //!
-//! Rows that are no splats are left out: see [`crate::splats`]. The others come in Morton order, without normals,
-//! unlit.
+//! All others are refused that lack one of these columns, normals and `f_rest_*` apart. Rows that are no splats are left out:
+//! see [`crate::splats`]. The others come in Morton order, without normals, unlit.
+//!
+//! What is doubtful is drawn as it stands, and [noted](crate::Note::Assumed): comments that contradict one another,
+//! `filter_3D`, or the third half-axis (2DGS: at most a hundredth of the longest). Of more than 100 splats also
+//! - opacities that all lie in [0, 1], and differ: logits lie on both sides of 0; perhaps they are opacities already;
+//! - scales that are all above 0, the least of them below 0.05, and differ: half-axes of nearly one unit would be the
+//!   finest of the scene; perhaps they are lengths and no logarithms.
+//!
+//! Binary rows without lists are read block by block, so that a file is never in memory as a whole; others are.
+//!
+//! **Packed splats** (.compressed.ply), binary, have elements
+//! - `chunk`, one for each 256 splats: floats `min_x` … `max_z` of centres, `min_scale_x` … `max_scale_z` of logarithms of
+//!   σ and, where given, `min_r` … `max_b` of display-encoded colours, which are from 0 to 1 without them;
+//! - `vertex`: uints `packed_position` and `packed_scale`, x y z in 11, 10 and 11 bits from the highest on, from the chunk's
+//!   least to its most; `packed_color`, red, green, blue (from the chunk's least to its most) and peak opacity (from 0 to
+//!   one) in 8 bits each; `packed_rotation`, in the highest 2 bits which of w x y z is the largest, then the others in 10 bits
+//!   each, from −√½ to √½;
+//! - `sh` where given: 9, 24 or 45 uchars `f_rest_*` from −4 to 4, in the middle of 256 steps, the first and last at the ends.
+//!
+//! Comments count as above; `SplatRenderMode: 2dgs` makes splats flat, since they all have a third scale. Files that
+//! unpack to more than [`OpenOptions::max_memory`] are refused.
+//!
+//! Source: *SuperSplat* and *splat-transform* of PlayCanvas, whose format this is.
 //!
 //! **Surfels** as oblate writes them have a comment that begins with `oblate surfels`, and every number that splats have.
 //!

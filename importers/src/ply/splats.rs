@@ -38,18 +38,18 @@ pub(super) fn read(source: Source, header: &Header, vertex: &Element) -> Result<
     let filter = mode.filter.unwrap_or(unsaid);
     let training = Training { degree: layout.degree, filter, blend: Blend::Display };
     let all_seen = Mutex::new(Seen::default());
-    let put = |record: &[f32], sink: &mut Sink<'_>, seen: &mut Seen| {
-        let trained = layout.trained(record);
-        if sink.put(&trained) {
-            seen.add(record[OPACITY], &trained);
+    let put = |record: &[f32], sink: &mut Sink<'_>, (trained, seen): &mut (Trained, Seen)| {
+        layout.fill(trained, record);
+        if sink.put(trained) {
+            seen.add(record[OPACITY], trained);
         }
     };
     let mut opened = match Table::find(&source, header, vertex, &layout.places)? {
         Some(table) => {
             let opened = gather(&source.head, (vertex.rows, table.block()), training, |rows, sink| {
-                let mut seen = Seen::default();
-                table.records(rows, &mut layout.record(), |record| put(record, sink, &mut seen))?;
-                seen.merge_into(&all_seen);
+                let mut state = Default::default();
+                table.records(rows, &mut layout.record(), |record| put(record, sink, &mut state))?;
+                state.1.merge_into(&all_seen);
                 Ok(())
             })?;
             source.finish();
@@ -59,11 +59,11 @@ pub(super) fn read(source: Source, header: &Header, vertex: &Element) -> Result<
             let file = &source.into_file()?;
             let body = Body::at(file, header, vertex)?;
             gather(file, (vertex.rows, vertex.rows.max(1)), training, |_, sink| {
-                let mut seen = Seen::default();
+                let mut state = Default::default();
                 body.clone().records(vertex, &layout.places, &mut layout.record(), |record| {
-                    put(record, sink, &mut seen);
+                    put(record, sink, &mut state);
                 })?;
-                seen.merge_into(&all_seen);
+                state.1.merge_into(&all_seen);
                 Ok(())
             })?
         }
@@ -156,25 +156,25 @@ impl Layout {
         record
     }
 
-    fn trained(&self, record: &[f32]) -> Trained {
+    /// Makes `trained`, which is the default one or another splat of the same file, the splat of a record.
+    fn fill(&self, trained: &mut Trained, record: &[f32]) {
         let color = [0, 1, 2].map(|i| record[COLOR + i]);
-        let mut trained = Trained {
-            center: [0, 1, 2].map(|i| record[i]),
-            log_scales: [0, 1, 2].map(|i| record[SCALES + i]),
-            rotation: [0, 1, 2, 3].map(|i| record[ROTATION + i]),
-            opacity: (1.0 / (1.0 + (-f64::from(record[OPACITY])).exp())) as f32,
-            color: match self.channel_max {
-                None => color.map(|coefficient| 0.5 + CONSTANT_HARMONIC * coefficient),
-                Some(max) => [0, 1, 2].map(|i| color[i] / max[i]),
-            },
-            filter: record[FILTER],
-            ..Trained::default()
+        trained.center = [0, 1, 2].map(|i| record[i]);
+        trained.log_scales = [0, 1, 2].map(|i| record[SCALES + i]);
+        trained.rotation = [0, 1, 2, 3].map(|i| record[ROTATION + i]);
+        trained.opacity = (1.0 / (1.0 + (-f64::from(record[OPACITY])).exp())) as f32;
+        trained.color = match self.channel_max {
+            None => color.map(|coefficient| 0.5 + CONSTANT_HARMONIC * coefficient),
+            Some(max) => [0, 1, 2].map(|i| color[i] / max[i]),
         };
+        trained.filter = record[FILTER];
         // All of a channel stand together in the file.
-        for (number, color) in trained.harmonics[..self.per_splat].iter_mut().enumerate() {
-            *color = [0, 1, 2].map(|channel| record[HARMONICS + channel * self.per_splat + number]);
+        let [red, green, blue] =
+            [0, 1, 2].map(|channel| &record[HARMONICS + channel * self.per_splat..][..self.per_splat]);
+        let channels = red.iter().zip(green).zip(blue);
+        for (harmonic, ((red, green), blue)) in trained.harmonics.iter_mut().zip(channels) {
+            *harmonic = [*red, *green, *blue];
         }
-        trained
     }
 
     /// What is missing, and where header and splats contradict each other.

@@ -25,7 +25,7 @@ pub(crate) const SIZE: usize = 32;
 
 /// Reads splats.
 pub(crate) fn read(source: &Source) -> Result<Opened, ImportError> {
-    if source.size % SIZE != 0 {
+    if !source.size.is_multiple_of(SIZE) {
         let problem = format!("{} bytes; a .splat has 32 for each splat", source.size);
         return Err(source.head.malformed(Place::Whole, problem));
     }

@@ -86,15 +86,16 @@ pub(crate) fn log_scale(sigma: f32) -> f32 {
 impl Trained {
     /// Checks the record, with its first `per_splat` harmonics, and makes a splat of it.
     pub(crate) fn activate(&self, per_splat: usize) -> Result<Splat, Reject> {
-        let harmonics = &self.harmonics[..per_splat];
-        let scale_is_number = |s: &f32| !s.is_nan() && *s != f32::INFINITY;
+        let harmonics = self.harmonics[..per_splat].as_flattened();
+        // All are asked, whatever the first ones say: that is done for many at a time.
         let all =
-            self.center.iter().chain(&self.rotation).chain(&self.color).chain(harmonics.iter().flatten());
-        if !all.chain([&self.filter]).all(|number| number.is_finite())
-            || !self.log_scales.iter().all(scale_is_number)
-            || !(0.0..=1.0).contains(&self.opacity)
-            || self.filter < 0.0
-        {
+            |numbers: &[f32], holds: fn(&f32) -> bool| numbers.iter().fold(true, |all, n| all & holds(n));
+        let finite = |numbers: &[f32]| all(numbers, |n| n.is_finite());
+        let is_finite =
+            finite(&self.center) && finite(&self.rotation) && finite(&self.color) && finite(harmonics);
+        let has_scales = self.log_scales.iter().all(|s| !s.is_nan() && *s != f32::INFINITY);
+        let filter_is_sigma = self.filter.is_finite() && self.filter >= 0.0;
+        if !(is_finite && has_scales && filter_is_sigma && (0.0..=1.0).contains(&self.opacity)) {
             return Err(Reject::NotANumber);
         }
         let [w, x, y, z] = self.rotation.map(f64::from);
@@ -107,7 +108,8 @@ impl Trained {
         if self.log_scales.iter().any(too_far) || too_far(&self.filter.ln()) {
             return Err(Reject::Scale);
         }
-        if self.color.iter().chain(harmonics.iter().flatten()).any(|c| c.abs() > LARGEST_COLOR) {
+        let drawable = |colors: &[f32]| all(colors, |c| c.abs() <= LARGEST_COLOR);
+        if !(drawable(&self.color) && drawable(harmonics)) {
             return Err(Reject::Color);
         }
         let own = DVec3::from(self.log_scales.map(|s| f64::from(s).exp()));
