@@ -175,6 +175,10 @@ fn seeds_are_written_for_fuzzing() {
         let target = folder.join(seed.name.rsplit('.').next().unwrap());
         std::fs::create_dir_all(&target).unwrap();
         std::fs::write(target.join(format!("seed_{index}")), &seed.bytes).unwrap();
+    }
+}
+
+#[test]
 /// Images of splats beside the text that names them: in a zip file a checksum would stand before them.
 fn sog_images() {
     let Seed { name, bytes: text, beside } = seeds::sog().remove(1);
