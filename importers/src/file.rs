@@ -49,3 +49,11 @@ fn regular(path: &Path) -> io::Result<Vec<u8>> {
     }
     fs::read(path)
 }
+
+/// Text of a file in quotes for a message: its beginning, where it is long.
+pub(crate) fn quoted(text: &str) -> String {
+    match text.char_indices().nth(60) {
+        Some((end, _)) => format!("{:?}…", &text[..end]),
+        None => format!("{text:?}"),
+    }
+}

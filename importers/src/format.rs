@@ -2,12 +2,13 @@
 
 use crate::file::File;
 use crate::gltf;
+use crate::inflate;
 use crate::meshes::obj;
 use crate::ply;
 use crate::points::{las, pcd, xyz};
 use crate::source::Source;
 use crate::splats::{ksplat, sog, splat, spz};
-use crate::volumes::{dicom, dicom_data_set, nrrd, raw, tiff, vti};
+use crate::volumes::{dicom, dicom_data_set, meta_image, nifti, nrrd, raw, tiff, vtk};
 use crate::{ImportError, OpenOptions, Opened};
 use glam::DVec3;
 
@@ -58,12 +59,6 @@ static FORMATS: &[Format] = &[
     Format::new("SPZ", &["spz"], |source, options| spz::read(&source.into_file()?, options))
         .beginning(spz::begins),
     Format::new("KSPLAT", &["ksplat"], |source, _| ksplat::read(&source.into_file()?)),
-    Format::new("NRRD", &["nrrd", "nhdr"], |source, options| {
-        Ok(nrrd::read(&source.into_file()?, options)?.into())
-    })
-    .beginning(|bytes| bytes.starts_with(b"NRRD0")),
-    Format::new("VTI", &["vti"], |source, options| Ok(vti::read(&source.into_file()?, options)?.into()))
-        .beginning(|bytes| text(bytes).starts_with(b"<") && contains(start(text(bytes)), b"<VTKFile")),
     Format::new("LAS", &["las", "laz"], |source, options| las::read(&source.into_file()?, options))
         .beginning(|bytes| bytes.starts_with(b"LASF")),
     Format::new("PCD", &["pcd"], |source, options| pcd::read(&source.into_file()?, options))
@@ -71,6 +66,31 @@ static FORMATS: &[Format] = &[
     Format::new("XYZ", &["xyz", "xyzrgb", "xyzn", "pts", "asc", "csv", "txt"], |source, _| {
         xyz::read(&source.into_file()?)
     }),
+    Format::new("NRRD", &["nrrd", "nhdr"], |source, options| {
+        Ok(nrrd::read(&source.into_file()?, options)?.into())
+    })
+    .beginning(|bytes| bytes.starts_with(b"NRRD0")),
+    Format::new("MetaImage", &["mhd", "mha"], |source, options| {
+        meta_image::read(&source.into_file()?, options)
+    })
+    .beginning(|bytes| {
+        let head = start(text(bytes));
+        let words = [&b"ObjectType"[..], b"NDims", b"Comment"];
+        words.iter().any(|word| head.starts_with(word)) && contains(head, b"NDims")
+    }),
+    Format::new("NIfTI", &["nii", "hdr"], |source, options| nifti::read(&source.into_file()?, options))
+        .beginning(|bytes| {
+            let gzipped = bytes.starts_with(&inflate::GZIP);
+            nifti::begins(bytes) || (gzipped && nifti::begins(&inflate::gzip_beginning(bytes, nifti::HEADER)))
+        }),
+    Format::new("VTK XML", &["vti", "vtr"], |source, options| {
+        Ok(vtk::xml::read(&source.into_file()?, options)?.into())
+    })
+    .beginning(|bytes| text(bytes).starts_with(b"<") && contains(start(text(bytes)), b"<VTKFile")),
+    Format::new("legacy VTK", &["vtk"], |source, options| {
+        Ok(vtk::legacy::read(&source.into_file()?, options)?.into())
+    })
+    .beginning(|bytes| bytes.starts_with(vtk::legacy::MAGIC)),
     Format::new("DICOM", &["dcm"], |source, options| dicom::read(&source.into_file()?, options))
         .beginning(dicom_data_set::is_dicom),
     // After DICOM, whose preamble may be a TIFF's beginning.

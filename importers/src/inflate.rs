@@ -4,6 +4,9 @@ use flate2::read::{DeflateDecoder, MultiGzDecoder, ZlibDecoder};
 use ruzstd::decoding::{BlockDecodingStrategy, FrameDecoder};
 use std::io::Read;
 
+/// How gzip files begin.
+pub(crate) const GZIP: [u8; 2] = [0x1f, 0x8b];
+
 /// A deflate stream holds at most this many bytes for each of its own: 258 for two bits.
 const DEFLATE_LIMIT: usize = 1032;
 
@@ -89,10 +92,18 @@ pub(crate) fn over_limit(limit: u64) -> String {
     format!("the compressed data unpack to more than {limit} bytes, which is the limit that is set")
 }
 
+/// That `expected` bytes are no more than the `limit` of what compressed files may unpack to.
+pub(crate) fn within(expected: usize, limit: u64) -> Result<(), String> {
+    if expected as u64 > limit { Err(over_limit(limit)) } else { Ok(()) }
+}
+
+/// That `compressed` bytes of deflate can be `expected` bytes at all.
+pub(crate) fn can_hold(compressed: usize, expected: usize) -> Result<(), String> {
+    if expected / DEFLATE_LIMIT > compressed { Err(cannot_hold(compressed, expected)) } else { Ok(()) }
+}
+
 fn exactly(reader: impl Read, compressed: usize, expected: usize) -> Result<Vec<u8>, String> {
-    if expected / DEFLATE_LIMIT > compressed {
-        return Err(cannot_hold(compressed, expected));
-    }
+    can_hold(compressed, expected)?;
     let mut bytes = Vec::new();
     if let Err(error) = reader.take(expected as u64 + 1).read_to_end(&mut bytes) {
         return Err(breaks_off(bytes.len(), expected, &error));

@@ -9,7 +9,10 @@
 //! | PLY, ascii and binary | mesh, points, or trained splats, also packed ones | [`ply`] |
 //! | .splat | trained splats | [`splats::splat`] |
 //! | NRRD, attached and detached | volume | [`volumes::nrrd`] |
-//! | VTI (VTK ImageData) | volume | [`volumes::vti`] |
+//! | MetaImage, `.mha` and `.mhd` | volume | [`volumes::meta_image`] |
+//! | NIfTI-1 and -2, also under gzip, and pairs | volume | [`volumes::nifti`] |
+//! | VTI and VTR (VTK ImageData, RectilinearGrid) | volume | [`volumes::vtk::xml`] |
+//! | legacy VTK | volume | [`volumes::vtk::legacy`] |
 //! | TIFF stacks | volume | [`volumes::tiff`] |
 //! | DICOM, a file of a series or its folder | volume | [`volumes::dicom`] |
 //! | a folder of numbered slices | volume | [`volumes::slices`] |

@@ -42,6 +42,15 @@ impl Scalar {
         }
     }
 
+    /// The relative spacing of floating-point numbers; 0 for integers.
+    pub(crate) fn rounding(self) -> f64 {
+        match self {
+            Self::F32 => f64::from(f32::EPSILON),
+            Self::F64 => f64::EPSILON,
+            _ => 0.0,
+        }
+    }
+
     /// The first number in `bytes`, if they are enough; 64-bit integers are rounded.
     pub(crate) fn first(self, bytes: &[u8], endian: Endian) -> Option<f64> {
         match self {
@@ -56,6 +65,11 @@ impl Scalar {
             Self::F32 => numbers(bytes, endian, f32::from_le_bytes).next().map(f64::from),
             Self::F64 => numbers(bytes, endian, f64::from_le_bytes).next(),
         }
+    }
+
+    /// All numbers in `bytes`; a shorter rest is left out, 64-bit integers are rounded.
+    pub(crate) fn all(self, bytes: &[u8], endian: Endian) -> impl Iterator<Item = f64> {
+        bytes.chunks_exact(self.size()).filter_map(move |chunk| self.first(chunk, endian))
     }
 
     /// The largest value of an integer type, with which normalised integers are divided.

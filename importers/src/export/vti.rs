@@ -1,4 +1,4 @@
-//! VTI (VTK ImageData in XML) of a volume, as [`crate::volumes::vti`] reads it: appended raw data of one piece, samples
+//! VTI (VTK ImageData in XML) of a volume, as [`crate::volumes::vtk::xml`] reads it: appended raw data of one piece, samples
 //! at points, `Direction` as VTK 9 has it. Samples and frame are bit-equal when read again.
 
 use super::ExportError;
@@ -97,7 +97,7 @@ mod tests {
     use crate::OpenOptions;
     use crate::export::samples::tests::{frame, volumes};
     use crate::file::File;
-    use crate::volumes::vti::read;
+    use crate::volumes::vtk::xml::read;
     use oblate_volumes::GridFrame;
     use proptest::prelude::*;
 

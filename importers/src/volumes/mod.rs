@@ -3,6 +3,9 @@
 pub mod dicom;
 pub(crate) mod dicom_data_set;
 mod dicom_pixels;
+pub(crate) mod frame;
+pub mod meta_image;
+pub mod nifti;
 pub mod nrrd;
 pub mod raw;
 mod slice;
@@ -10,5 +13,4 @@ pub mod slices;
 pub mod tiff;
 mod tiff_pages;
 pub(crate) mod voxels;
-pub mod vti;
-mod vti_array;
+pub mod vtk;

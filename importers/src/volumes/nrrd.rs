@@ -6,9 +6,10 @@
 //! keeps its axes. Without them `spacings` and `axis mins` count. An unknown spacing (NaN) is 1.
 
 use crate::Endian;
-use crate::file::File;
+use crate::file::{File, quoted};
 use crate::inflate;
 use crate::scalar::Scalar;
+use crate::volumes::frame;
 use crate::volumes::voxels::Layout;
 use crate::{ImportError, OpenOptions, Place};
 use glam::{DMat3, DVec3};
@@ -30,8 +31,8 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportE
     let sizes: Vec<usize> = header.list(file, "sizes")?;
     let dims = axes.map(|axis| sizes[axis]);
     let layout = Layout { dims, scalar: scalar(file, &header)?, endian: endian(file, &header)? };
-    let frame = frame(file, &header, axes, dims)?;
-    let bytes = samples(file, &header, &layout)?;
+    let frame = grid_frame(file, &header, axes, dims)?;
+    let bytes = samples(file, &header, &layout, options.max_memory)?;
     layout.volume(file, &bytes, frame, options)
 }
 
@@ -66,7 +67,7 @@ impl Header {
                     header.fields.insert(name.to_ascii_lowercase(), (number, value));
                 }
                 None => {
-                    let problem = format!("{text:?} is neither \"field: value\" nor \"key:=value\"");
+                    let problem = format!("{} is neither \"field: value\" nor \"key:=value\"", quoted(text));
                     return Err(file.malformed(Place::Line(number), problem));
                 }
             }
@@ -202,7 +203,12 @@ fn vectors(file: &File, place: Place, text: &str) -> Result<Vec<Option<DVec3>>, 
     Ok(found)
 }
 
-fn frame(file: &File, header: &Header, axes: [usize; 3], dims: [usize; 3]) -> Result<GridFrame, ImportError> {
+fn grid_frame(
+    file: &File,
+    header: &Header,
+    axes: [usize; 3],
+    dims: [usize; 3],
+) -> Result<GridFrame, ImportError> {
     let mut frame = GridFrame::default();
     let (_, dimension) = header.required(file, "dimension")?;
     let count = if dimension == "4" { 4 } else { 3 };
@@ -218,10 +224,8 @@ fn frame(file: &File, header: &Header, axes: [usize; 3], dims: [usize; 3]) -> Re
             let problem = "space directions must give a vector of three numbers for each spatial axis";
             return Err(file.malformed(place, problem));
         };
-        // Quotients, so that edges along the world's axes give ones.
-        frame.direction = DMat3::from_cols(x / x.length(), y / y.length(), z / z.length());
-        frame.spacing = DVec3::new(x.length(), y.length(), z.length());
-        return Ok(frame);
+        let edges = DMat3::from_cols(x, y, z);
+        return Ok(frame::of_edges(frame.origin, edges));
     }
     let cell_centred = matches!(header.get(&["centers", "centerings"]), Some((_, c)) if c.contains("cell"));
     let mins = header.per_axis(file, "axismins", count)?;
@@ -250,7 +254,7 @@ fn pick(vectors: &[Option<DVec3>], axes: [usize; 3], count: usize) -> Option<[DV
 }
 
 /// The bytes of the samples, from this file or the one that it names.
-fn samples(file: &File, header: &Header, layout: &Layout) -> Result<Vec<u8>, ImportError> {
+fn samples(file: &File, header: &Header, layout: &Layout, limit: u64) -> Result<Vec<u8>, ImportError> {
     let expected = layout.bytes(file)?;
     let detached = match header.get(&["datafile"]) {
         Some((place, name)) if name.starts_with("LIST") || name.contains('%') => {
@@ -281,8 +285,8 @@ fn samples(file: &File, header: &Header, layout: &Layout) -> Result<Vec<u8>, Imp
             // Bytes are skipped after decompression.
             let skipped = skipped_bytes(file, header)?.filter(|&skip| skip > 0).unwrap_or(0) as usize;
             let total = expected.saturating_add(skipped);
-            let bytes =
-                inflate::gunzip(body, total).map_err(|problem| source.malformed(Place::Whole, problem))?;
+            let bytes = inflate::within(total, limit).and_then(|()| inflate::gunzip(body, total));
+            let bytes = bytes.map_err(|problem| source.malformed(Place::Whole, problem))?;
             Ok(skip_bytes(file, header, Cow::Owned(bytes), expected)?.into_owned())
         }
         "ascii" | "text" | "txt" => {

@@ -201,7 +201,10 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportE
         )
     };
     if gzipped {
-        let bytes = inflate::gunzip(&file.bytes, expected).map_err(wrong)?;
+        let bytes = inflate::can_hold(file.bytes.len(), expected)
+            .and_then(|()| inflate::within(expected, options.max_memory))
+            .and_then(|()| inflate::gunzip(&file.bytes, expected))
+            .map_err(wrong)?;
         layout.volume(file, &bytes, GridFrame::default(), options)
     } else if file.bytes.len() != expected {
         Err(wrong(format!("{} bytes; {expected} are expected", file.bytes.len())))

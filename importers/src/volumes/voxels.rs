@@ -1,7 +1,7 @@
 //! Bytes of any number type to voxels: the last step of every volume format.
 
 use crate::Endian;
-use crate::file::File;
+use crate::file::{File, quoted};
 use crate::scalar::{Scalar, numbers};
 use crate::{ImportError, OpenOptions, Place};
 use oblate_volumes::{GridFrame, Volume, Voxels};
@@ -40,9 +40,8 @@ impl Layout {
             let token = String::from_utf8_lossy(token);
             if self.scalar.push_text(&token, &mut bytes).is_none() {
                 let place = Place::Part(format!("sample {found}"));
-                return Err(
-                    file.malformed(place, format!("{token:?} is no number of type {:?}", self.scalar))
-                );
+                return Err(file
+                    .malformed(place, format!("{} is no number of type {:?}", quoted(&token), self.scalar)));
             }
             found += 1;
             if found > expected {
@@ -66,47 +65,81 @@ impl Layout {
         frame: GridFrame,
         options: &OpenOptions,
     ) -> Result<Volume, ImportError> {
-        let voxels = self.voxels(bytes).map_err(|(index, value)| {
-            let problem =
-                format!("{value} has no equal among 32-bit floating-point numbers; rescale the data");
-            file.malformed(Place::Part(format!("sample {index}")), problem)
-        })?;
+        self.placed(file, self.voxels(file, bytes)?, frame, options)
+    }
+
+    /// The volume of these samples.
+    pub(crate) fn placed(
+        &self,
+        file: &File,
+        voxels: Voxels,
+        frame: GridFrame,
+        options: &OpenOptions,
+    ) -> Result<Volume, ImportError> {
         let frame = GridFrame { spacing: options.spacing.unwrap_or(frame.spacing), ..frame };
         Volume::new(self.dims, voxels, frame)
             .map_err(|source| ImportError::Volume { path: file.path.clone(), source })
     }
 
-    fn voxels(&self, bytes: &[u8]) -> Result<Voxels, (usize, String)> {
+    /// The samples in `bytes`, in their own type where voxels have it.
+    pub(crate) fn voxels(&self, file: &File, bytes: &[u8]) -> Result<Voxels, ImportError> {
         let endian = self.endian;
-        Ok(match self.scalar {
-            Scalar::U8 => Voxels::U8(bytes.to_vec()),
-            Scalar::I8 => Voxels::I16(numbers(bytes, endian, i8::from_le_bytes).map(i16::from).collect()),
-            Scalar::U16 => Voxels::U16(numbers(bytes, endian, u16::from_le_bytes).collect()),
-            Scalar::I16 => Voxels::I16(numbers(bytes, endian, i16::from_le_bytes).collect()),
-            Scalar::F32 => Voxels::F32(numbers(bytes, endian, f32::from_le_bytes).collect()),
-            Scalar::I32 => exact(numbers(bytes, endian, i32::from_le_bytes).map(i128::from))?,
-            Scalar::U32 => exact(numbers(bytes, endian, u32::from_le_bytes).map(i128::from))?,
-            Scalar::I64 => exact(numbers(bytes, endian, i64::from_le_bytes).map(i128::from))?,
-            Scalar::U64 => exact(numbers(bytes, endian, u64::from_le_bytes).map(i128::from))?,
-            Scalar::F64 => rounded(numbers(bytes, endian, f64::from_le_bytes))?,
-        })
+        let voxels = match self.scalar {
+            Scalar::U8 => Ok(Voxels::U8(bytes.to_vec())),
+            Scalar::I8 => Ok(Voxels::I16(numbers(bytes, endian, i8::from_le_bytes).map(i16::from).collect())),
+            Scalar::U16 => Ok(Voxels::U16(numbers(bytes, endian, u16::from_le_bytes).collect())),
+            Scalar::I16 => Ok(Voxels::I16(numbers(bytes, endian, i16::from_le_bytes).collect())),
+            Scalar::F32 => Ok(Voxels::F32(numbers(bytes, endian, f32::from_le_bytes).collect())),
+            Scalar::I32 => exact(numbers(bytes, endian, i32::from_le_bytes).map(i128::from)),
+            Scalar::U32 => exact(numbers(bytes, endian, u32::from_le_bytes).map(i128::from)),
+            Scalar::I64 => exact(numbers(bytes, endian, i64::from_le_bytes).map(i128::from)),
+            Scalar::U64 => exact(numbers(bytes, endian, u64::from_le_bytes).map(i128::from)),
+            Scalar::F64 => rounded(numbers(bytes, endian, f64::from_le_bytes), |value| value),
+        };
+        voxels.map_err(|unequalled| unequalled.error(file))
+    }
+
+    /// The samples slope · stored + intercept, computed in f64 and rounded to f32.
+    pub(crate) fn scaled_voxels(
+        &self,
+        file: &File,
+        bytes: &[u8],
+        (slope, intercept): (f64, f64),
+    ) -> Result<Voxels, ImportError> {
+        rounded(self.scalar.all(bytes, self.endian), |stored| slope * stored + intercept)
+            .map_err(|unequalled| unequalled.error(file))
+    }
+}
+
+/// A sample without an equal among f32, and its place among the samples.
+struct Unequalled(usize, String);
+
+impl Unequalled {
+    fn error(self, file: &File) -> ImportError {
+        let Self(index, value) = self;
+        let problem = format!("{value} has no equal among 32-bit floating-point numbers; rescale the data");
+        file.malformed(Place::Part(format!("sample {index}")), problem)
     }
 }
 
 /// Integers as f32 of the same value.
-fn exact(values: impl Iterator<Item = i128>) -> Result<Voxels, (usize, String)> {
+fn exact(values: impl Iterator<Item = i128>) -> Result<Voxels, Unequalled> {
     let convert = |(index, value): (usize, i128)| {
         let float = value as f32;
-        if float as i128 == value { Ok(float) } else { Err((index, value.to_string())) }
+        if float as i128 == value { Ok(float) } else { Err(Unequalled(index, value.to_string())) }
     };
     values.enumerate().map(convert).collect::<Result<_, _>>().map(Voxels::F32)
 }
 
-/// Doubles as the nearest f32; those that are not finite stay so, finite ones must stay finite.
-fn rounded(values: impl Iterator<Item = f64>) -> Result<Voxels, (usize, String)> {
+/// Mapped doubles as the nearest f32; those that are not finite stay so, finite ones must stay finite.
+fn rounded(values: impl Iterator<Item = f64>, map: impl Fn(f64) -> f64) -> Result<Voxels, Unequalled> {
     let convert = |(index, value): (usize, f64)| {
-        let float = value as f32;
-        if value.is_finite() && float.is_infinite() { Err((index, value.to_string())) } else { Ok(float) }
+        let float = map(value) as f32;
+        if value.is_finite() && !float.is_finite() {
+            Err(Unequalled(index, map(value).to_string()))
+        } else {
+            Ok(float)
+        }
     };
     values.enumerate().map(convert).collect::<Result<_, _>>().map(Voxels::F32)
 }

@@ -1,5 +1,6 @@
 //! Files for the tests to open.
 
+use glam::DVec3;
 use oblate_engine::Splats;
 use oblate_importers::{Content, ImportError, OpenOptions, Opened, open};
 use oblate_surfels::{Mesh, PointCloud, Primitive};
@@ -128,6 +129,24 @@ pub(crate) fn assert_corner_marked(volume: &Volume) {
     }
     let inner: Vec<f32> = (0..volume.voxels().len()).map(|i| volume.voxels().get(i)).collect();
     assert_eq!(inner, corner_marked().into_iter().map(f32::from).collect::<Vec<_>>());
+}
+
+/// That a volume holds the corner-marked samples and all eight corners lie at `origin` + i, j, k times the steps along
+/// the axes, within 1e-12 of the numbers' size: a few roundings of f64.
+#[track_caller]
+pub(crate) fn assert_corners_at(volume: &Volume, origin: [f64; 3], steps: [[f64; 3]; 3]) {
+    assert_corner_marked(volume);
+    for corner in 0..8_usize {
+        let index = [corner & 1, corner >> 1 & 1, corner >> 2];
+        let index: [usize; 3] = std::array::from_fn(|axis| index[axis] * (DIMS[axis] - 1));
+        let expected = (0..3).fold(DVec3::from_array(origin), |position, axis| {
+            position + DVec3::from_array(steps[axis]) * index[axis] as f64
+        });
+        let found = volume.index_to_world().transform_point3(DVec3::from_array(index.map(|i| i as f64)));
+        let tolerance = 1e-12 * (1.0 + expected.abs().max_element());
+        assert!(found.abs_diff_eq(expected, tolerance), "corner {index:?}: {found} should be {expected}");
+    }
+    assert!(volume.frame().spacing.min_element() > 0.0);
 }
 
 /// The corner-marked samples in a number type of files, and the type that they should come back as.

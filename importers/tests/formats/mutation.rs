@@ -130,7 +130,7 @@ macro_rules! mutated {
     };
 }
 
-mutated!(dicom gltf ksplat las laz_layered laz_pointwise nrrd obj packed pcd ply points raw sog splat splats spz surfels tiff vti xyz);
+mutated!(dicom gltf ksplat las laz_layered laz_pointwise meta_image nifti nrrd obj packed pcd ply points raw sog splat splats spz surfels tiff vti vtk xyz);
 
 #[test]
 fn material_libraries() {

@@ -116,6 +116,36 @@ fn chest_is_inline_zlib() {
 }
 
 #[test]
+fn head_is_nifti() {
+    let Some(head) = open_volume("volumes/mricron_ch2better.nii.gz") else { return };
+    assert_eq!(head.dims(), [301, 370, 316]);
+    assert!(matches!(head.voxels(), Voxels::U8(_)));
+    assert_eq!(range(&head), (0.0, 130.0));
+    assert_eq!(head.frame().spacing, DVec3::splat(0.5));
+    assert_eq!(head.frame().origin, DVec3::new(-75.0, -107.0, -69.5));
+    assert_eq!(head.frame().direction, glam::DMat3::IDENTITY);
+    // What nibabel reads.
+    assert_eq!((head.value([150, 185, 158]), head.value([100, 200, 150])), (62.0, 103.0));
+    let Voxels::U8(values) = head.voxels() else { unreachable!() };
+    assert_eq!(values.iter().map(|&v| u64::from(v)).sum::<u64>(), 1_222_013_263);
+}
+
+#[test]
+fn curvilinear_grids_are_refused_as_such() {
+    if let Some(path) = data("irregular/office.binary.vtk") {
+        refused(
+            open(path, &OpenOptions::default()),
+            "office.binary.vtk",
+            &["STRUCTURED_GRID", "are supported"],
+        );
+    }
+    for name in ["bluntfinq.bin", "bluntfinxyz.bin", "combq.bin", "combxyz.bin"] {
+        let Some(path) = data(&format!("irregular/{name}")) else { return };
+        refused(open(path, &OpenOptions::default()), name, &["not recognised as", "raw voxels"]);
+    }
+}
+
+#[test]
 fn hydrogen_is_f32() {
     let Some(hydrogen) = open_volume("volumes/vtk_hydrogen.vti") else { return };
     assert_eq!(hydrogen.dims(), [64; 3]);

@@ -51,6 +51,56 @@ pub(crate) fn vti() -> Vec<Seed> {
     ]
 }
 
+pub(crate) fn meta_image() -> Vec<Seed> {
+    let header = |rest: &str| {
+        format!(
+            "ObjectType = Image\nNDims = 3\nDimSize = 4 3 2\nOffset = 1 2 3\nTransformMatrix = 0 1 0 0 0 1 1 0 0\n\
+             ElementSpacing = 1 -2 3\nElementType = MET_UCHAR\n{rest}\n"
+        )
+    };
+    let packed = zlib(&corner_marked());
+    let local =
+        format!("CompressedData = True\nCompressedDataSize = {}\nElementDataFile = LOCAL", packed.len());
+    let raw = || vec![("a.raw", corner_marked())];
+    vec![
+        alone("a.mha", [header(&local).into_bytes(), packed].concat()),
+        alone("a.mha", header("BinaryData = False\nElementDataFile = LOCAL") + &as_text()),
+        Seed {
+            name: "a.mhd",
+            bytes: header("HeaderSize = -1\nElementDataFile = a.raw").into(),
+            beside: raw(),
+        },
+        Seed {
+            name: "a.mhd",
+            bytes: header("HeaderSize = 12\nElementDataFile = LIST 2\na.raw\na.raw").into(),
+            beside: raw(),
+        },
+    ]
+}
+
+pub(crate) fn nifti() -> Vec<Seed> {
+    let [first, second] = [1, 2].map(|version| crate::nifti::example(version, &corner_marked()));
+    let packed = gzip(&second);
+    let (header, samples) = crate::nifti::pair(&first);
+    vec![
+        alone("a.nii", first),
+        alone("a.nii", second),
+        alone("a.nii.gz", packed),
+        Seed { name: "a.hdr", bytes: header, beside: vec![("a.img", samples)] },
+    ]
+}
+
+pub(crate) fn vtk() -> Vec<Seed> {
+    let binary = crate::vtk::legacy("BINARY", &corner_marked());
+    let rectilinear = crate::vtk::rectilinear_legacy();
+    vec![
+        alone("a.vtk", binary),
+        alone("a.vtk", crate::vtk::legacy("ASCII", as_text().as_bytes())),
+        alone("a.vtk", rectilinear),
+        alone("a.vtr", crate::vtk::rectilinear_xml()),
+    ]
+}
+
 pub(crate) fn raw() -> Vec<Seed> {
     vec![alone("a_4x3x2_u8.raw.gz", gzip(&corner_marked()))]
 }

@@ -1,20 +1,30 @@
-//! VTI: VTK's ImageData in XML.
+//! VTI and VTR: VTK's ImageData and RectilinearGrid in XML.
 //!
-//! Source: *VTK File Formats* (docs.vtk.org), XML formats. Samples ascii, inline base64 or appended (raw or
-//! base64), uncompressed or by `vtkZLibDataCompressor`, in both byte orders. One piece. Of the point data
-//! the active scalars are taken, else the first array of one component; without point data the cell data,
-//! whose samples lie half a spacing further in. `Origin` is where index (0, 0, 0) lies, whatever the
-//! extent begins with.
+//! Source: *VTK File Formats* (docs.vtk.org), XML formats. Arrays ascii, inline base64 or appended (raw or base64),
+//! uncompressed or by `vtkZLibDataCompressor`, in both byte orders; other compressors and several pieces are
+//! refused. An image's `Origin` is where index (0, 0, 0) lies, whatever the extent begins with; `Direction` is
+//! written row by row, its columns are the directions of the axes. A rectilinear grid's `Coordinates` must have
+//! equal steps along each axis.
 
-use crate::Endian;
+use super::array::{Appended, Encoding, Stream};
+use super::grid::{Coordinates, PointGrid};
 use crate::file::File;
+use crate::inflate;
 use crate::scalar::Scalar;
 use crate::volumes::voxels::Layout;
-use crate::volumes::vti_array::{Appended, Encoding, Stream};
-use crate::{ImportError, OpenOptions, Place};
+use crate::{Endian, ImportError, OpenOptions, Place};
 use glam::{DMat3, DVec3};
-use oblate_volumes::{GridFrame, Volume};
+use oblate_volumes::Volume;
 use roxmltree::{Document, Node};
+
+/// What all arrays of a file share.
+struct Arrays<'a> {
+    file: &'a File,
+    endian: Endian,
+    appended: Option<Appended<'a>>,
+    /// Bytes that compressed arrays may unpack to.
+    limit: u64,
+}
 
 /// Reads a volume.
 pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportError> {
@@ -25,40 +35,41 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportE
     })?;
     let root = document.root_element();
     let kind = root.attribute("type").unwrap_or("nothing");
-    if !root.has_tag_name("VTKFile") || kind != "ImageData" {
-        let feature = format!("a VTK file of {kind}; ImageData is supported");
+    if !root.has_tag_name("VTKFile") || !["ImageData", "RectilinearGrid"].contains(&kind) {
+        let feature = format!("a VTK file of {kind}; ImageData and RectilinearGrid are supported");
         return Err(file.unsupported(place(root), feature));
     }
-    let image = child(file, root, "ImageData")?;
-    let piece = child(file, image, "Piece")?;
-    if elements(image, "Piece").count() > 1 {
-        return Err(file.unsupported(place(image), "several pieces are not supported; write one"));
+    let dataset = child(file, root, kind)?;
+    let piece = child(file, dataset, "Piece")?;
+    if elements(dataset, "Piece").count() > 1 {
+        return Err(file.unsupported(place(dataset), "several pieces are not supported; write one"));
     }
-    let extent = extent(file, image, "WholeExtent")?;
+    let extent = extent(file, dataset, "WholeExtent")?;
     if self::extent(file, piece, "Extent")? != extent {
-        let problem = "the piece's Extent must equal the image's WholeExtent";
+        let problem = "the piece's Extent must equal the WholeExtent";
         return Err(file.malformed(place(piece), problem));
     }
-    let (array, on_cells) = scalars(file, piece)?;
-    let layout = Layout {
-        dims: dims(file, image, extent, on_cells)?,
-        scalar: scalar(file, array)?,
-        endian: endian(file, root)?,
+    let arrays = Arrays { file, endian: endian(file, root)?, appended, limit: options.max_memory };
+    let grid = match kind {
+        "ImageData" => image(file, dataset, extent)?,
+        _ => arrays.rectilinear(piece, extent)?,
     };
-    let frame = frame(file, image, extent, on_cells)?;
-    let bytes = samples(file, array, &layout, appended.as_ref())?;
-    layout.volume(file, &bytes, frame, options)
+    let (array, on_cells) = scalars(file, piece)?;
+    let dims = grid.dims(on_cells).map_err(|problem| file.malformed(place(dataset), problem))?;
+    let layout = Layout { dims, scalar: scalar(file, array)?, endian: arrays.endian };
+    let bytes = arrays.samples(array, &layout)?;
+    layout.volume(file, &bytes, grid.frame(on_cells), options)
 }
 
 fn place(node: Node<'_, '_>) -> Place {
     Place::Line(node.document().text_pos_at(node.range().start).row as usize)
 }
 
-fn elements<'a, 'i>(node: Node<'a, 'i>, name: &'static str) -> impl Iterator<Item = Node<'a, 'i>> {
+fn elements<'a, 'i>(node: Node<'a, 'i>, name: &str) -> impl Iterator<Item = Node<'a, 'i>> {
     node.children().filter(move |child| child.has_tag_name(name))
 }
 
-fn child<'a, 'i>(file: &File, node: Node<'a, 'i>, name: &'static str) -> Result<Node<'a, 'i>, ImportError> {
+fn child<'a, 'i>(file: &File, node: Node<'a, 'i>, name: &str) -> Result<Node<'a, 'i>, ImportError> {
     let missing = || file.malformed(place(node), format!("{} has no {name}", node.tag_name().name()));
     elements(node, name).next().ok_or_else(missing)
 }
@@ -124,26 +135,20 @@ fn extent(file: &File, node: Node<'_, '_>, name: &str) -> Result<Extent, ImportE
     }
 }
 
-fn dims(file: &File, node: Node<'_, '_>, extent: Extent, on_cells: bool) -> Result<[usize; 3], ImportError> {
-    let mut dims = [0; 3];
-    for (dim, [first, last]) in dims.iter_mut().zip(extent.as_chunks::<2>().0) {
-        *dim = usize::try_from(last - first + i64::from(!on_cells)).unwrap_or(0);
-    }
-    if dims.contains(&0) {
-        return Err(file.malformed(place(node), "an image with cell data must have cells along each axis"));
-    }
-    Ok(dims)
+/// Points along x, y, z; an extent is in order and its numbers are below 2^40.
+fn points(extent: Extent) -> [usize; 3] {
+    std::array::from_fn(|axis| (extent[2 * axis + 1] - extent[2 * axis] + 1) as usize)
 }
 
-fn frame(file: &File, image: Node<'_, '_>, extent: Extent, on_cells: bool) -> Result<GridFrame, ImportError> {
+fn image(file: &File, image: Node<'_, '_>, extent: Extent) -> Result<PointGrid, ImportError> {
     let spacing = DVec3::from_array(numbers(file, image, "Spacing", Some([1.0; 3]))?);
     let identity = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
     // Written row by row.
     let direction = DMat3::from_cols_array(&numbers(file, image, "Direction", Some(identity))?).transpose();
     let index_origin = DVec3::from_array(numbers(file, image, "Origin", Some([0.0; 3]))?);
+    let edges = direction * DMat3::from_diagonal(spacing);
     let first = DVec3::new(extent[0] as f64, extent[2] as f64, extent[4] as f64);
-    let first = first + if on_cells { 0.5 } else { 0.0 };
-    Ok(GridFrame { spacing, origin: index_origin + direction * (spacing * first), direction })
+    Ok(PointGrid { points: points(extent), origin: index_origin + edges * first, edges })
 }
 
 fn components<'a>(array: Node<'a, '_>) -> &'a str {
@@ -202,50 +207,76 @@ fn endian(file: &File, root: Node<'_, '_>) -> Result<Endian, ImportError> {
     }
 }
 
-/// The array's bytes in the file's byte order.
-fn samples(
-    file: &File,
-    array: Node<'_, '_>,
-    layout: &Layout,
-    appended: Option<&Appended<'_>>,
-) -> Result<Vec<u8>, ImportError> {
-    let text = || array.children().filter_map(|node| node.text()).collect::<String>();
-    let stream = match array.attribute("format") {
-        Some("ascii") | None => {
-            let mut bytes = layout.bytes_from_text(file, text().as_bytes())?;
-            if layout.endian == Endian::Big {
-                bytes.chunks_mut(layout.scalar.size()).for_each(<[u8]>::reverse);
+impl Arrays<'_> {
+    fn rectilinear(&self, piece: Node<'_, '_>, extent: Extent) -> Result<PointGrid, ImportError> {
+        let node = child(self.file, piece, "Coordinates")?;
+        let arrays: Vec<_> = elements(node, "DataArray").collect();
+        let Ok(arrays) = <[Node<'_, '_>; 3]>::try_from(arrays) else {
+            let problem = "Coordinates must be three arrays: along x, y and z";
+            return Err(self.file.malformed(place(node), problem));
+        };
+        let points = points(extent);
+        let [x, y, z] = std::array::from_fn(|axis| self.coordinates(arrays[axis], points[axis]));
+        PointGrid::rectilinear(&[x?, y?, z?]).map_err(|problem| self.file.unsupported(place(node), problem))
+    }
+
+    fn coordinates(&self, array: Node<'_, '_>, points: usize) -> Result<Coordinates, ImportError> {
+        if components(array) != "1" {
+            let problem = format!("coordinates of {} components; one is right", components(array));
+            return Err(self.file.malformed(place(array), problem));
+        }
+        let scalar = scalar(self.file, array)?;
+        let layout = Layout { dims: [points, 1, 1], scalar, endian: self.endian };
+        let bytes = self.samples(array, &layout)?;
+        Ok(Coordinates { values: scalar.all(&bytes, self.endian).collect(), rounding: scalar.rounding() })
+    }
+
+    /// An array's bytes in the file's byte order.
+    fn samples(&self, array: Node<'_, '_>, layout: &Layout) -> Result<Vec<u8>, ImportError> {
+        let file = self.file;
+        let text = || array.children().filter_map(|node| node.text()).collect::<String>();
+        let stream = match array.attribute("format") {
+            Some("ascii") | None => {
+                let mut bytes = layout.bytes_from_text(file, text().as_bytes())?;
+                if layout.endian == Endian::Big {
+                    bytes.chunks_mut(layout.scalar.size()).for_each(<[u8]>::reverse);
+                }
+                return Ok(bytes);
             }
-            return Ok(bytes);
-        }
-        Some("binary") => Stream::from_base64(text().as_bytes()),
-        Some("appended") => {
-            let [offset] = numbers(file, array, "offset", None)?;
-            let missing = || file.malformed(place(array), "format is appended, but there is no AppendedData");
-            appended.ok_or_else(missing)?.stream(offset)
-        }
-        Some(other) => {
-            let feature = format!("format {other:?}; ascii, binary and appended are supported");
-            return Err(file.unsupported(place(array), feature));
-        }
-    };
-    let root = array.document().root_element();
-    let header_type = match root.attribute("header_type") {
-        Some("UInt32") | None => Scalar::U32,
-        Some("UInt64") => Scalar::U64,
-        Some(other) => {
-            let problem = format!("header_type {other:?} must be UInt32 or UInt64");
-            return Err(file.malformed(place(root), problem));
-        }
-    };
-    let expected = layout.bytes(file)?;
-    let bytes = stream.and_then(|stream| {
+            Some("binary") => Stream::from_base64(text().as_bytes()),
+            Some("appended") => {
+                let [offset] = numbers(file, array, "offset", None)?;
+                let missing =
+                    || file.malformed(place(array), "format is appended, but there is no AppendedData");
+                self.appended.as_ref().ok_or_else(missing)?.stream(offset)
+            }
+            Some(other) => {
+                let feature = format!("format {other:?}; ascii, binary and appended are supported");
+                return Err(file.unsupported(place(array), feature));
+            }
+        };
+        let expected = layout.bytes(file)?;
+        let stream = stream.map_err(|problem| file.malformed(place(array), problem))?;
+        let root = array.document().root_element();
+        let header_type = match root.attribute("header_type") {
+            Some("UInt32") | None => Scalar::U32,
+            Some("UInt64") => Scalar::U64,
+            Some(other) => {
+                let problem = format!("header_type {other:?} must be UInt32 or UInt64");
+                return Err(file.malformed(place(root), problem));
+            }
+        };
         let mut stream = stream.with_header(header_type, layout.endian);
-        match root.attribute("compressor") {
+        let bytes = match root.attribute("compressor") {
             None | Some("") => stream.uncompressed(expected),
-            Some("vtkZLibDataCompressor") => stream.zlib_blocks(expected),
-            Some(other) => Err(format!("compressor {other:?}; vtkZLibDataCompressor or none are supported")),
-        }
-    });
-    bytes.map_err(|problem| file.malformed(place(array), problem))
+            Some("vtkZLibDataCompressor") => {
+                inflate::within(expected, self.limit).and_then(|()| stream.zlib_blocks(expected))
+            }
+            Some(other) => {
+                let feature = format!("compressor {other:?}; vtkZLibDataCompressor or none are supported");
+                return Err(file.unsupported(place(root), feature));
+            }
+        };
+        bytes.map_err(|problem| file.malformed(place(array), problem))
+    }
 }
