@@ -16,7 +16,7 @@ use crate::file::File;
 use crate::inflate;
 use crate::scalar::Scalar;
 use crate::volumes::frame;
-use crate::volumes::voxels::Layout;
+use crate::volumes::voxels::{Layout, Samples};
 use crate::{Content, Endian, ImportError, Note, OpenOptions, Opened, Place};
 use glam::{DMat3, DQuat, DVec3};
 use oblate_volumes::GridFrame;
@@ -98,7 +98,7 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportE
     let samples = &bytes[start..start + frame_bytes];
     let voxels = match scale {
         Some(scale) => layout.scaled_voxels(file, samples, scale)?,
-        None => layout.voxels(file, samples)?,
+        None => layout.voxels(file, &Samples::Binary(Cow::Borrowed(samples)))?,
     };
     let volume = layout.placed(file, voxels, frame, options)?;
     Ok(Opened::noting(Content::Volume(volume), notes))
@@ -288,7 +288,7 @@ impl<'a> Header<'a> {
         let imaginary = self.vector(QUATERN, 0);
         let squared = imaginary.length_squared();
         // A few ulps of f32 above 1 is a half turn, rounded.
-        if !(squared <= 1.0 + 1e-5) {
+        if squared.is_nan() || squared > 1.0 + 1e-5 {
             let problem = format!("quatern_b, c, d are {imaginary}: no part of a unit quaternion");
             return Err(self.malformed(QUATERN, problem));
         }
