@@ -8,7 +8,10 @@ use crate::transfer;
 use anyhow::{Context, Result, ensure};
 use glam::DVec3;
 use oblate::engine::{Camera, Cloud, Light, Scene};
-use oblate::surfels::{Density, Mesh, SamplerSettings, sample, view_spacing};
+use oblate::surfels::{
+    Density, Mesh, PointCloud, PointColor, PointSettings, SamplerSettings, point_surfels, sample,
+    view_spacing,
+};
 use oblate::volumes::{IsoSettings, KernelSettings, Volume, iso_surfels, to_kernels};
 
 /// Surfels of all meshes together, where their number follows the view: in all and for each pixel of the
@@ -35,12 +38,19 @@ pub(crate) fn assemble(
     lights: Vec<Light>,
     console: Console,
 ) -> Result<Assembled> {
-    let holds_volume = items.iter().any(|item| matches!(item.body, Body::Volume(_)));
+    // A volume's axes are named in its file; what is up in others is custom.
+    let first = items.iter().find(|item| matches!(item.body, Body::Volume(_))).or(items.first());
+    let up = first.map_or(DVec3::Y, |item| item.up);
     let (mut clouds, mut meshes) = (Vec::new(), Vec::new());
-    for Item { name, body, look } in items {
+    for Item { name, body, look, .. } in items {
         match body {
             Body::Mesh(mesh) => meshes.push((name, mesh, look)),
             Body::Splats { cloud, .. } => clouds.push(cloud),
+            Body::Points(points, placement) => {
+                let _task = console.task(format!("surfels of {name}"));
+                let cloud = point_cloud(&points, &look).with_context(|| name.clone())?;
+                clouds.push(cloud.transformed(placement));
+            }
             Body::Volume(volume) => {
                 let _task = console.task(format!("splats of {name}"));
                 let shown = volume_clouds(&volume, &look).with_context(|| name.clone())?;
@@ -67,7 +77,6 @@ pub(crate) fn assemble(
             }
         }
     };
-    let up = if holds_volume { DVec3::Z } else { DVec3::Y };
     let view = View::complete(camera, &points, up, size)?;
     let camera = view.camera(size)?;
 
@@ -84,23 +93,35 @@ pub(crate) fn assemble(
 
 /// As many surfels as asked for; else one a pixel, at most `most`.
 fn surfels(mesh: &Mesh, look: &Look, camera: &Camera, most: usize) -> Result<Cloud> {
-    let density = match (look.surfels, look.surfel_spacing) {
-        (Some(count), _) => Density::Count(count),
-        (None, Some(spacing)) => Density::Spacing(spacing),
-        (None, None) => Density::Spacing(view_spacing(camera, mesh.bounds().unwrap_or_default())),
-    };
-    let asked = match (look.surfels, look.surfel_spacing) {
-        (Some(count), _) => count as f64,
-        (None, Some(spacing)) if spacing > 0.0 => mesh.area() / (spacing * spacing),
-        _ => 0.0,
-    };
-    ensure!(asked <= MOST_ASKED as f64, "{asked:.0} surfels are asked for; at most {MOST_ASKED} are made");
-    let max_surfels = if asked > 0.0 { MOST_ASKED } else { most.max(1) };
+    if look.surfels.is_some() || look.surfel_spacing.is_some() {
+        return asked_surfels(mesh, look);
+    }
+    let density = Density::Spacing(view_spacing(camera, mesh.bounds().unwrap_or_default()));
+    let max_surfels = most.max(1);
     Ok(sample(mesh, density, &SamplerSettings { max_surfels, ..SamplerSettings::default() })?)
 }
 
+/// As many surfels as asked for.
+pub(crate) fn asked_surfels(mesh: &Mesh, look: &Look) -> Result<Cloud> {
+    let (density, asked) = match (look.surfels, look.surfel_spacing) {
+        (None, Some(spacing)) => (Density::Spacing(spacing), mesh.area() / (spacing * spacing)),
+        (count, _) => (Density::Count(count.unwrap_or(1)), count.unwrap_or(1) as f64),
+    };
+    ensure!(asked <= MOST_ASKED as f64, "{asked:.0} surfels are asked for; at most {MOST_ASKED} are made");
+    Ok(sample(mesh, density, &SamplerSettings { max_surfels: MOST_ASKED, ..SamplerSettings::default() })?)
+}
+
+/// A surfel for each point.
+pub(crate) fn point_cloud(points: &PointCloud, look: &Look) -> Result<Cloud> {
+    let settings = PointSettings {
+        color: look.point_color.map_or(PointColor::Auto, Into::into),
+        ..PointSettings::default()
+    };
+    Ok(point_surfels(points, &settings)?)
+}
+
 /// Iso-surfaces, then the inside: what was asked for, or the inside where nothing was.
-fn volume_clouds(volume: &Volume, look: &Look) -> Result<Vec<Cloud>> {
+pub(crate) fn volume_clouds(volume: &Volume, look: &Look) -> Result<Vec<Cloud>> {
     let mut clouds = Vec::new();
     let mut settings = IsoSettings::default();
     if let Some(color) = look.iso_color {

@@ -96,6 +96,9 @@ pub(crate) struct Uses {
     pub(crate) raw: bool,
     /// A part took the texture given.
     pub(crate) texture: bool,
+    pub(crate) points: bool,
+    /// Splats in several levels of detail.
+    pub(crate) level: bool,
 }
 
 impl std::ops::BitOr for Uses {
@@ -107,6 +110,8 @@ impl std::ops::BitOr for Uses {
             volume: self.volume | other.volume,
             raw: self.raw | other.raw,
             texture: self.texture | other.texture,
+            points: self.points | other.points,
+            level: self.level | other.level,
         }
     }
 }
@@ -140,6 +145,9 @@ impl FileOptions {
                            coordinates and no texture of their own";
             useless(&texture, problem)?;
         }
+        if !uses.level {
+            useless(&[("level", self.level.is_some())], "is for splats in several levels; none is given")?;
+        }
         Ok(())
     }
 
@@ -164,6 +172,9 @@ impl Look {
             let choices =
                 [("surfels", self.surfels.is_some()), ("surfel-spacing", self.surfel_spacing.is_some())];
             useless(&choices, "is for meshes; none is given")?;
+        }
+        if !uses.points {
+            useless(&[("point-color", self.point_color.is_some())], "is for point clouds; none is given")?;
         }
         Ok(())
     }

@@ -1,6 +1,7 @@
 //! The subcommands.
 
 pub(crate) mod compare;
+pub(crate) mod convert;
 pub(crate) mod info;
 pub(crate) mod render;
 

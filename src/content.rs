@@ -7,7 +7,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use glam::{DAffine3, DMat3, DVec3};
 use oblate::engine::{Blend, Cloud};
 use oblate::importers::{Content, Endian, OpenOptions, Opened, RawLayout, SampleType};
-use oblate::surfels::Mesh;
+use oblate::surfels::{Mesh, PointCloud};
 use oblate::volumes::{GridFrame, Volume};
 use std::path::Path;
 
@@ -18,6 +18,8 @@ pub(crate) struct Item {
     pub(crate) name: String,
     pub(crate) body: Body,
     pub(crate) look: Look,
+    /// What is up, by custom.
+    pub(crate) up: DVec3,
 }
 
 /// What it consists of.
@@ -25,6 +27,8 @@ pub(crate) struct Item {
 pub(crate) enum Body {
     Mesh(Mesh),
     Volume(Volume),
+    /// Points, and where they stand in the world.
+    Points(PointCloud, DAffine3),
     /// Splats as they are.
     Splats {
         cloud: Cloud,
@@ -36,57 +40,67 @@ pub(crate) enum Body {
 /// Reads a file and puts it in its place. `given` are options for all files, which stand over the source's.
 pub(crate) fn load(source: Source, given: &FileOptions, console: Console) -> Result<(Item, Uses)> {
     let name = source.path.display().to_string();
-    let (opened, uses) = open(&source.path, &given.clone().over(source.file.clone()))?;
+    let (opened, uses) = open(&source.path, &given.clone().over(source.file.clone()), console)?;
     for note in &opened.notes {
         console.say(format_args!("{name}: {note}"));
     }
     let (kind, what) = match &opened.content {
         Content::Mesh(_) => (Kind::Mesh, "it is a mesh; list it under [[mesh]]"),
         Content::Volume(_) => (Kind::Volume, "it is a volume; list it under [[volume]]"),
+        Content::Points(_) => (Kind::Points, "it holds points; list it under [[points]]"),
         Content::Splats { .. } => (Kind::Splats, "it holds splats; list it under [[splats]]"),
-        _ => bail!("{name}: nothing that can be drawn"),
     };
     if source.kind.is_some_and(|wanted| wanted != kind) {
         bail!("{name}: {what}");
     }
+    let up = opened.up;
     let body = match opened.content {
         Content::Mesh(mesh) => Body::Mesh(placed_mesh(mesh, source.placement)),
         Content::Volume(volume) => Body::Volume(placed_volume(volume, source.placement)?),
+        Content::Points(points) => Body::Points(points, source.placement),
         Content::Splats { splats, blend } => {
             let cloud = Cloud::new(splats).with_context(|| name.clone())?;
             Body::Splats { cloud: cloud.transformed(source.placement), blend }
         }
-        _ => bail!("{name}: nothing that can be drawn"),
     };
     // What a scene file says of one file must be of use for that file.
     let said = source.file.check_use(uses);
     said.map_err(|Wrong { key, problem }| anyhow!("{name}: {key} {problem}"))?;
-    Ok((Item { name, body, look: source.look }, uses))
+    Ok((Item { name, body, look: source.look, up }, uses))
 }
 
 /// Reads a file and says which options it had a use for.
-pub(crate) fn open(path: &Path, options: &FileOptions) -> Result<(Opened, Uses)> {
-    // OBJ is known by its name alone, so `--dims` for a volume beside it must not make it raw.
-    let named = |extensions: &[&str]| {
-        path.extension().is_some_and(|e| extensions.iter().any(|name| e.eq_ignore_ascii_case(name)))
+pub(crate) fn open(path: &Path, options: &FileOptions, console: Console) -> Result<(Opened, Uses)> {
+    // Formats without a fixed beginning are known by name alone, so `--dims` for a volume beside such a file must not make
+    // it a raw one.
+    let named = |names: &[&str]| {
+        path.extension().is_some_and(|e| names.iter().any(|name| e.eq_ignore_ascii_case(name)))
     };
-    let by_name = named(&["obj"]);
-    let has_header = by_name || named(&["gltf", "glb", "ply", "nrrd", "nhdr", "vti"]);
+    let by_name = named(&["obj", "stl", "splat", "xyz", "pts", "txt", "csv"]);
     let layout = |dims| RawLayout {
         dims,
         sample_type: options.sample_type.unwrap_or_default().into(),
         endian: options.endian.unwrap_or_default().into(),
     };
     let raw = options.dims.filter(|_| !by_name).map(layout);
+    let mut settings = OpenOptions {
+        raw,
+        spacing: options.spacing.map(DVec3::from),
+        texture: options.texture.clone(),
+        level: options.level,
+        ..OpenOptions::default()
+    };
+    settings.max_memory = options.max_memory.unwrap_or(settings.max_memory);
+    let task = console.task(format!("reading {}", path.display()));
+    let opened = oblate::importers::open(path, &settings)?;
+    drop(task);
+    let is_raw = opened.format.starts_with("raw");
+    let said = options.sample_type.is_some() || options.endian.is_some();
     ensure!(
-        has_header || options.dims.is_some() || (options.sample_type.is_none() && options.endian.is_none()),
+        !is_raw || raw.is_some() || !said,
         "{}: --type and --endian describe raw volumes; give --dims with them",
         path.display()
     );
-    let spacing = options.spacing.map(DVec3::from);
-    let texture = options.texture.clone();
-    let opened =
-        oblate::importers::open(path, &OpenOptions { raw, spacing, texture, ..OpenOptions::default() })?;
     let uses = match &opened.content {
         Content::Mesh(mesh) => Uses {
             mesh: true,
@@ -94,12 +108,9 @@ pub(crate) fn open(path: &Path, options: &FileOptions) -> Result<(Opened, Uses)>
             texture: mesh.primitives.iter().any(|part| part.material.texture.is_some()),
             ..Uses::default()
         },
-        Content::Volume(volume) => Uses {
-            volume: true,
-            raw: !has_header && raw.is_none_or(|raw| raw.dims == volume.dims()),
-            ..Uses::default()
-        },
-        _ => Uses::default(),
+        Content::Volume(_) => Uses { volume: true, raw: is_raw, ..Uses::default() },
+        Content::Points(_) => Uses { points: true, ..Uses::default() },
+        Content::Splats { .. } => Uses { level: opened.format.contains("levels"), ..Uses::default() },
     };
     Ok((opened, uses))
 }

@@ -7,6 +7,7 @@ use crate::notation::{self, Rgba};
 use clap::{Args, ValueEnum};
 use glam::DAffine3;
 use oblate::engine::{Blend, FootprintForm, Light, Order};
+use oblate::surfels::PointColor;
 use oblate::volumes::TransferFunction;
 use serde::Deserialize;
 use std::convert::Infallible;
@@ -38,6 +39,7 @@ pub(crate) struct Source {
 pub(crate) enum Kind {
     Mesh,
     Volume,
+    Points,
     Splats,
 }
 
@@ -66,7 +68,8 @@ pub(crate) struct CameraOptions {
     /// What it looks at [default: the middle of the scene]
     #[arg(long, value_name = "X,Y,Z", value_parser = notation::triple, allow_hyphen_values = true)]
     pub(crate) target: Option<[f64; 3]>,
-    /// What is up in the picture [default: 0,0,1 if the scene holds a volume, else 0,1,0]
+    /// What is up in the picture [default: 0,0,1 if the scene holds a volume; else what is up in the first file by the
+    /// custom of its format: +z of points and STL, −y of trained splats, +y of other meshes]
     #[arg(long, value_name = "X,Y,Z", value_parser = notation::triple, allow_hyphen_values = true)]
     pub(crate) up: Option<[f64; 3]>,
     /// Vertical angle of view in degrees [default: 30]
@@ -122,7 +125,7 @@ pub(crate) struct PictureOptions {
     /// centers where only trained splats are drawn, else as slabs [default: auto]
     #[arg(long)]
     pub(crate) order: Option<OrderMode>,
-    /// Thickness of the slabs, where 1 is the depth of the kernels (their median σ along the view): thinner is
+    /// Thickness of the slabs, where 1 is the size of the kernels (their median σ): thinner is
     /// closer to the exact picture and slower. Asks for slabs where --order is auto [default: 2]
     #[arg(long, value_name = "X", allow_hyphen_values = true)]
     pub(crate) slab_thickness: Option<f64>,
@@ -258,6 +261,12 @@ pub(crate) struct FileOptions {
     /// OBJ and PLY meshes: a PNG or JPEG for parts with texture coordinates and no texture of their own
     #[arg(long, value_name = "FILE")]
     pub(crate) texture: Option<PathBuf>,
+    /// Splats in several levels of detail: which one, 0 being the finest [default: 0]
+    #[arg(long, value_name = "N")]
+    pub(crate) level: Option<u32>,
+    /// What a compressed file may unpack to, such as 512M or 64G [default: 16G]
+    #[arg(long, value_name = "BYTES", value_parser = notation::bytes)]
+    pub(crate) max_memory: Option<u64>,
 }
 
 impl FileOptions {
@@ -269,6 +278,8 @@ impl FileOptions {
             endian: self.endian.or(under.endian),
             spacing: self.spacing.or(under.spacing),
             texture: self.texture.or(under.texture),
+            level: self.level.or(under.level),
+            max_memory: self.max_memory.or(under.max_memory),
         }
     }
 }
@@ -321,6 +332,28 @@ pub(crate) struct Look {
     /// Meshes: distance between surfels in world units, instead of their number
     #[arg(long, value_name = "S", allow_hyphen_values = true)]
     pub(crate) surfel_spacing: Option<f64>,
+    /// Point clouds: what their colours tell [default: rgb where there is one, else intensity, else height]
+    #[arg(long, value_name = "rgb|intensity|height")]
+    pub(crate) point_color: Option<PointColors>,
+}
+
+/// `--point-color`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum PointColors {
+    Rgb,
+    Intensity,
+    Height,
+}
+
+impl From<PointColors> for PointColor {
+    fn from(choice: PointColors) -> Self {
+        match choice {
+            PointColors::Rgb => Self::Rgb,
+            PointColors::Intensity => Self::Intensity,
+            PointColors::Height => Self::Height,
+        }
+    }
 }
 
 impl Look {
@@ -334,6 +367,7 @@ impl Look {
             iso: self.iso.or(under.iso),
             transfer: self.transfer.or(under.transfer),
             iso_color: self.iso_color.or(under.iso_color),
+            point_color: self.point_color.or(under.point_color),
         }
     }
 }

@@ -45,7 +45,12 @@ impl View {
         // The direction from the target to the eye.
         let outward = match eye {
             Some(eye) => eye - target.unwrap_or(middle),
-            None => three_quarter(up_given.unwrap_or(up)),
+            None => {
+                let up = up_given.unwrap_or(up).normalize_or(DVec3::Y);
+                // What a viewer says of up is about the picture; custom is about the thing.
+                let on_its_head = up_given.is_some() && up.y + up.z < 0.0;
+                three_quarter(up, if on_its_head { -up } else { up })
+            }
         };
         let up = up_given.unwrap_or_else(|| not_along(outward, up));
         let pose = Pose::look_at(outward, DVec3::ZERO, up).context("camera")?;
@@ -151,11 +156,9 @@ impl Framed<'_> {
     }
 }
 
-/// The direction to an eye that sees front, right side and top of a thing that stands upright: its front
-/// looks to +Z when +Y is up (as in glTF), to −Y when +Z is up, and there it stays when it stands on its head.
-fn three_quarter(up: DVec3) -> DVec3 {
-    let up = up.normalize_or(DVec3::Y);
-    let upright = if up.y + up.z < 0.0 { -up } else { up };
+/// The direction to an eye that sees front, right side and top of a thing that stands upright where `upright` is up: its
+/// front looks to +Z when that is +Y (as in glTF), to −Y when it is +Z. There it stays when `up` turns it on its head.
+fn three_quarter(up: DVec3, upright: DVec3) -> DVec3 {
     let across = (DVec3::X - up * up.x).try_normalize().filter(|_| up.x.abs() < 0.999).unwrap_or(DVec3::Z);
     let front = across.cross(upright);
     0.55 * up.cross(front) + 0.45 * up + 0.8 * front
@@ -237,8 +240,9 @@ mod tests {
     #[test]
     fn the_front_is_seen_either_way_up() {
         for (up, front) in [(DVec3::Z, DVec3::NEG_Y), (DVec3::Y, DVec3::Z)] {
+            let upright = up;
             for up in [up, -up] {
-                let outward = three_quarter(up);
+                let outward = three_quarter(up, upright);
                 assert!((outward.dot(front) - 0.8).abs() < 1e-12 && (outward.dot(up) - 0.45).abs() < 1e-12);
                 // The right side in the picture, whatever it is called in the world.
                 assert!((outward.dot(up.cross(front)) - 0.55).abs() < 1e-12);

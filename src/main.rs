@@ -14,6 +14,7 @@ mod picture;
 mod progress;
 mod scene_file;
 mod stats;
+mod summary;
 mod transfer;
 
 use clap::{Parser, Subcommand};
@@ -31,6 +32,7 @@ struct Cli {
 enum Command {
     Render(Box<command::render::RenderArgs>),
     Info(command::info::InfoArgs),
+    Convert(Box<command::convert::ConvertArgs>),
     Compare(command::compare::CompareArgs),
 }
 
@@ -39,6 +41,7 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Render(args) => command::render::run(*args).map(|()| ExitCode::SUCCESS),
         Command::Info(args) => command::info::run(&args).map(|()| ExitCode::SUCCESS),
+        Command::Convert(args) => command::convert::run(*args).map(|()| ExitCode::SUCCESS),
         Command::Compare(args) => command::compare::run(&args),
     };
     result.unwrap_or_else(|error| {

@@ -64,6 +64,19 @@ pub(crate) fn triple(text: &str) -> Result<[f64; 3], String> {
     if numbers.iter().all(|n| n.is_finite()) { Ok(numbers) } else { Err(format!("`{text}` is not finite")) }
 }
 
+/// `123`, `512M` (mebibytes), `16G` (gibibytes).
+pub(crate) fn bytes(text: &str) -> Result<u64, String> {
+    let wrong = || format!("`{text}` is no number of bytes above 0; write it as 512M or 16G");
+    let (digits, shift) = match text.as_bytes().last().map(u8::to_ascii_uppercase) {
+        Some(b'K') => (&text[..text.len() - 1], 10),
+        Some(b'M') => (&text[..text.len() - 1], 20),
+        Some(b'G') => (&text[..text.len() - 1], 30),
+        _ => (text, 0),
+    };
+    let count: u64 = digits.parse().map_err(|_| wrong())?;
+    count.checked_mul(1 << shift).filter(|bytes| *bytes > 0).ok_or_else(wrong)
+}
+
 /// `on` or `off`.
 pub(crate) fn switch(text: &str) -> Result<bool, String> {
     match text {
@@ -105,5 +118,13 @@ mod tests {
         }
         assert!(size("-1x2").is_err());
         assert_eq!(comma_list(&[1.0, -0.0, -2.5]), "1,0,-2.5");
+    }
+
+    #[test]
+    fn sizes() {
+        assert_eq!([bytes("123"), bytes("2k"), bytes("512M")], [Ok(123), Ok(2048), Ok(512 << 20)]);
+        for wrong in ["", "G", "-1", "0", "1T", "1.5G", "99999999999G"] {
+            assert!(bytes(wrong).is_err(), "{wrong} passed");
+        }
     }
 }

@@ -19,6 +19,10 @@
 //! translate = [128, 60, 64]
 //! surfel-spacing = 0.5
 //!
+//! [[points]]                     # a point cloud; placed as meshes are
+//! path = "scan.laz"
+//! point-color = "intensity"      # rgb, intensity or height
+//!
 //! [[splats]]                     # trained Gaussians; placed as meshes are
 //! path = "garden.ply"
 //!
@@ -37,8 +41,8 @@
 
 use crate::check::{FARTHEST, Wrong, coordinates};
 use crate::description::{
-    ByteOrder, CameraOptions, Description, FileOptions, Kind, Look, PictureOptions, Reference, SampleKind,
-    Source, Transfer,
+    ByteOrder, CameraOptions, Description, FileOptions, Kind, Look, PictureOptions, PointColors, Reference,
+    SampleKind, Source, Transfer,
 };
 use crate::notation::Rgba;
 use crate::transfer;
@@ -62,6 +66,8 @@ struct File {
     mesh: Vec<Spanned<MeshTable>>,
     #[serde(default)]
     volume: Vec<Spanned<VolumeTable>>,
+    #[serde(default)]
+    points: Vec<Spanned<PointsTable>>,
     #[serde(default)]
     splats: Vec<Spanned<SplatsTable>>,
     #[serde(default)]
@@ -99,12 +105,23 @@ struct VolumeTable {
 }
 
 #[derive(Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+struct PointsTable {
+    path: PathBuf,
+    translate: Option<[f64; 3]>,
+    rotate: Option<[f64; 3]>,
+    scale: Option<Scale>,
+    point_color: Option<PointColors>,
+}
+
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SplatsTable {
     path: PathBuf,
     translate: Option<[f64; 3]>,
     rotate: Option<[f64; 3]>,
     scale: Option<Scale>,
+    level: Option<u32>,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -143,12 +160,13 @@ pub(crate) fn read(path: &Path) -> Result<Description> {
 }
 
 /// What is wrong, and where in the text.
-struct Problem {
+pub(crate) struct Problem {
     message: String,
     span: Option<Range<usize>>,
 }
 
-fn parse(text: &str, folder: &Path) -> Result<Description, Problem> {
+/// Reads the text of a scene file that lies in `folder`.
+pub(crate) fn parse(text: &str, folder: &Path) -> Result<Description, Problem> {
     let file: File = toml::from_str(text).map_err(|e| Problem {
         // The message may go over several lines; errors are said on one.
         message: e.message().trim().replace('\n', ", "),
@@ -167,6 +185,9 @@ fn parse(text: &str, folder: &Path) -> Result<Description, Problem> {
         sources.push(in_table(text, table, |t| t.source(folder))?);
     }
     for table in file.mesh {
+        sources.push(in_table(text, table, |t| t.source(folder))?);
+    }
+    for table in file.points {
         sources.push(in_table(text, table, |t| t.source(folder))?);
     }
     for table in file.splats {
@@ -264,7 +285,7 @@ impl VolumeTable {
             sample_type: self.sample_type,
             endian: self.endian,
             spacing: self.spacing,
-            texture: None,
+            ..FileOptions::default()
         };
         file.check()?;
         let look = Look { iso: self.iso, iso_color: self.iso_color, transfer, ..Look::default() };
@@ -279,11 +300,23 @@ impl VolumeTable {
     }
 }
 
+impl PointsTable {
+    fn source(self, folder: &Path) -> Result<Source, Wrong> {
+        Ok(Source {
+            kind: Some(Kind::Points),
+            placement: placement(self.translate, self.rotate, self.scale)?,
+            look: Look { point_color: self.point_color, ..Look::default() },
+            ..Source::new(folder.join(self.path))
+        })
+    }
+}
+
 impl SplatsTable {
     fn source(self, folder: &Path) -> Result<Source, Wrong> {
         Ok(Source {
             kind: Some(Kind::Splats),
             placement: placement(self.translate, self.rotate, self.scale)?,
+            file: FileOptions { level: self.level, ..FileOptions::default() },
             ..Source::new(folder.join(self.path))
         })
     }

@@ -1,13 +1,18 @@
 //! What a file holds.
 
-use oblate_engine::{Blend, Splats};
-use oblate_surfels::Mesh;
+use glam::DVec3;
+use oblate_engine::{Blend, Splats, Strength};
+use oblate_surfels::{Mesh, PointCloud};
 use oblate_volumes::Volume;
 use std::fmt;
 
 /// What a file holds, and what is to be said of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Opened {
+    /// The name of its format.
+    pub format: &'static str,
+    /// What is up in it by the custom of its format and kind: a unit vector along an axis.
+    pub up: DVec3,
     /// What it holds.
     pub content: Content,
     /// What the reader did not take as it stands.
@@ -16,12 +21,13 @@ pub struct Opened {
 
 /// What files hold.
 #[derive(Clone, Debug, PartialEq)]
-#[non_exhaustive]
 pub enum Content {
     /// Triangles.
     Mesh(Mesh),
     /// Voxels.
     Volume(Volume),
+    /// Points of surfaces.
+    Points(PointCloud),
     /// Splats: trained Gaussians with peak opacities, or surfels.
     Splats {
         /// The splats.
@@ -55,20 +61,34 @@ impl fmt::Display for Note {
 impl Opened {
     /// Content of which there is something to be said.
     pub(crate) fn noting(content: Content, notes: Vec<Note>) -> Self {
-        Self { content, notes }
+        let up = match &content {
+            // Reconstructions keep the axes of their first camera: y points down.
+            Content::Splats { splats, .. } if matches!(splats.strength, Strength::Opacity { .. }) => {
+                DVec3::NEG_Y
+            }
+            Content::Volume(_) | Content::Points(_) => DVec3::Z,
+            _ => DVec3::Y,
+        };
+        Self { format: "", up, content, notes }
     }
 }
 
 /// Content as it stands in the file.
 impl From<Content> for Opened {
     fn from(content: Content) -> Self {
-        Self { content, notes: Vec::new() }
+        Self::noting(content, Vec::new())
     }
 }
 
 impl From<Mesh> for Opened {
     fn from(mesh: Mesh) -> Self {
         Content::Mesh(mesh).into()
+    }
+}
+
+impl From<PointCloud> for Opened {
+    fn from(points: PointCloud) -> Self {
+        Content::Points(points).into()
     }
 }
 

@@ -32,8 +32,8 @@ pub enum ImportError {
     },
     /// The bytes are of no known format and nothing says how raw samples would lie in them.
     #[error(
-        "{}: not recognised as glTF, GLB, OBJ, PLY, NRRD, MetaImage, NIfTI or VTK; to read it as raw voxels, {missing} \
-         (a name like head_256x256x113_uint16be.raw.gz says the same)", path.display()
+        "{}: not recognised as {}; to read it as raw voxels, {missing} \
+         (a name like head_256x256x113_uint16be.raw.gz says the same)", path.display(), crate::format::names()
     )]
     Unknown {
         /// The file.

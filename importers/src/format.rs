@@ -1,91 +1,134 @@
-//! Telling formats apart.
+//! Every format: how its files are told, and who reads them.
 
 use crate::file::File;
-use crate::inflate;
-use crate::volumes::{nifti, vtk};
+use crate::gltf;
+use crate::meshes::obj;
+use crate::ply;
+use crate::source::Source;
+use crate::splats::{ksplat, sog, splat, spz};
+use crate::volumes::{dicom, dicom_data_set, meta_image, nifti, nrrd, raw, tiff, vtk};
+use crate::{ImportError, OpenOptions, Opened};
+use glam::DVec3;
 
 /// What a file is read as.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Format {
-    Gltf,
-    Obj,
-    Ply,
-    Nrrd,
-    MetaImage,
-    Nifti,
-    VtkXml,
-    VtkLegacy,
-    Raw,
+pub(crate) struct Format {
+    pub(crate) name: &'static str,
+    /// Endings of files' names, in lower case.
+    extensions: &'static [&'static str],
+    /// Whether a file begins as no other format's do; of a large file only the beginning is shown.
+    begins: fn(&[u8]) -> bool,
+    /// What is up in such files, where the format says so whatever they hold.
+    pub(crate) up: Option<DVec3>,
+    pub(crate) read: Read,
 }
 
+/// Some formats are read part by part, which suits large files; others have all of a file in memory.
+type Read = fn(Source, &OpenOptions) -> Result<Opened, ImportError>;
+
 impl Format {
-    /// By a known beginning; else raw when the caller `says_raw`; else by name; else by whether the text
-    /// looks like OBJ, which has no fixed beginning; else raw.
-    pub(crate) fn of(file: &File, says_raw: bool) -> Self {
-        if let Some(format) = Self::of_beginning(&file.bytes) {
-            return format;
-        }
-        if says_raw {
-            return Self::Raw;
-        }
-        if file.bytes.starts_with(&inflate::GZIP)
-            && nifti::begins(&inflate::gzip_beginning(&file.bytes, nifti::HEADER))
-        {
-            return Self::Nifti;
-        }
-        let extension = file.path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-        match extension.as_deref() {
-            Some("gltf" | "glb") => Self::Gltf,
-            Some("obj") => Self::Obj,
-            Some("ply") => Self::Ply,
-            Some("nrrd" | "nhdr") => Self::Nrrd,
-            Some("mhd" | "mha") => Self::MetaImage,
-            Some("nii" | "hdr") => Self::Nifti,
-            Some("vti" | "vtr") => Self::VtkXml,
-            Some("vtk") => Self::VtkLegacy,
-            Some("raw" | "gz") => Self::Raw,
-            _ if looks_like_obj(&file.bytes) => Self::Obj,
-            _ => Self::Raw,
-        }
+    const fn new(name: &'static str, extensions: &'static [&'static str], read: Read) -> Self {
+        Self { name, extensions, begins: |_| false, up: None, read }
     }
 
-    /// The format whose fixed beginning `bytes` have.
-    pub(crate) fn of_beginning(bytes: &[u8]) -> Option<Self> {
-        let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
-        let head = &text[..text.len().min(1024)];
-        if bytes.starts_with(b"glTF") || (head.starts_with(b"{") && contains(text, b"\"asset\"")) {
-            Some(Self::Gltf)
-        } else if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
-            Some(Self::Ply)
-        } else if bytes.starts_with(b"NRRD0") {
-            Some(Self::Nrrd)
-        } else if head.starts_with(b"<") && contains(head, b"<VTKFile") {
-            Some(Self::VtkXml)
-        } else if bytes.starts_with(vtk::legacy::MAGIC) {
-            Some(Self::VtkLegacy)
-        } else if nifti::begins(bytes) {
-            Some(Self::Nifti)
-        } else if ["ObjectType", "NDims", "Comment"].iter().any(|word| head.starts_with(word.as_bytes()))
-            && contains(head, b"NDims")
-        {
-            Some(Self::MetaImage)
-        } else {
-            None
-        }
+    /// Told by its beginning too.
+    const fn beginning(self, begins: fn(&[u8]) -> bool) -> Self {
+        Self { begins, ..self }
     }
 
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Gltf => "glTF",
-            Self::Obj => "OBJ",
-            Self::Ply => "PLY",
-            Self::Nrrd => "NRRD",
-            Self::MetaImage => "MetaImage",
-            Self::Nifti => "NIfTI",
-            Self::VtkXml | Self::VtkLegacy => "VTK",
-            Self::Raw => "raw",
-        }
+    const fn up(self, up: DVec3) -> Self {
+        Self { up: Some(up), ..self }
     }
+}
+
+/// All formats but raw samples, which anything can be. Beginnings are asked in this order.
+static FORMATS: &[Format] = &[
+    // Its JSON may have an "asset", as glTF's does.
+    Format::new("SOG", &["sog"], |source, options| sog::read(&source.into_file()?, options))
+        .beginning(|bytes| bytes.starts_with(sog::ZIP) || json(bytes).is_some_and(sog::is_meta)),
+    Format::new("glTF", &["gltf", "glb"], |source, _| Ok(gltf::read(&source.into_file()?)?.into()))
+        .beginning(|bytes| {
+            bytes.starts_with(b"glTF") || json(bytes).is_some_and(|text| contains(text, b"\"asset\""))
+        })
+        .up(DVec3::Y),
+    Format::new("OBJ", &["obj"], |source, options| Ok(obj::read(&source.into_file()?, options)?.into())),
+    Format::new("PLY", &["ply"], ply::read)
+        .beginning(|bytes| bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r")),
+    Format::new(".splat", &["splat"], |source, _| splat::read(&source)),
+    Format::new("SPZ", &["spz"], |source, options| spz::read(&source.into_file()?, options))
+        .beginning(spz::begins),
+    Format::new("KSPLAT", &["ksplat"], |source, _| ksplat::read(&source.into_file()?)),
+    Format::new("NRRD", &["nrrd", "nhdr"], |source, options| {
+        Ok(nrrd::read(&source.into_file()?, options)?.into())
+    })
+    .beginning(|bytes| bytes.starts_with(b"NRRD0")),
+    Format::new("MetaImage", &["mha", "mhd"], |source, options| {
+        meta_image::read(&source.into_file()?, options)
+    })
+    .beginning(meta_image::begins),
+    Format::new("NIfTI", &["nii", "hdr"], |source, options| nifti::read(&source.into_file()?, options))
+        .beginning(nifti::begins),
+    Format::new("VTK in XML", &["vti", "vtr"], |source, options| {
+        Ok(vtk::xml::read(&source.into_file()?, options)?.into())
+    })
+    .beginning(|bytes| text(bytes).starts_with(b"<") && contains(start(text(bytes)), b"<VTKFile")),
+    Format::new("legacy VTK", &["vtk"], |source, options| {
+        Ok(vtk::legacy::read(&source.into_file()?, options)?.into())
+    })
+    .beginning(|bytes| bytes.starts_with(vtk::legacy::MAGIC)),
+    Format::new("DICOM", &["dcm"], |source, options| dicom::read(&source.into_file()?, options))
+        .beginning(dicom_data_set::is_dicom),
+    // After DICOM, whose preamble may be a TIFF's beginning.
+    Format::new("TIFF", &["tif", "tiff"], |source, options| tiff::read(&source.into_file()?, options))
+        .beginning(|bytes| TIFF.iter().any(|beginning| bytes.starts_with(*beginning))),
+];
+
+static RAW: Format =
+    Format::new(
+        "raw",
+        &["raw", "gz"],
+        |source, options| Ok(raw::read(&source.into_file()?, options)?.into()),
+    );
+
+/// In both byte orders, and BigTIFF.
+const TIFF: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
+
+/// The format of a file, of whose bytes only the beginning may be there: by that; else raw where the caller `says_raw`;
+/// else by name; else OBJ where the text looks like it, which has no fixed beginning; else raw.
+pub(crate) fn of(file: &File, says_raw: bool) -> &'static Format {
+    if let Some(format) = of_beginning(&file.bytes) {
+        return format;
+    }
+    if says_raw {
+        return &RAW;
+    }
+    let extension = file.path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    let named = |format: &&Format| format.extensions.contains(&extension.as_str());
+    let looks_like = |format: &&Format| format.name == "OBJ" && looks_like_obj(&file.bytes);
+    let other = || FORMATS.iter().find(looks_like).unwrap_or(&RAW);
+    FORMATS.iter().chain([&RAW]).find(named).unwrap_or_else(other)
+}
+
+/// The format whose fixed beginning `bytes` have.
+pub(crate) fn of_beginning(bytes: &[u8]) -> Option<&'static Format> {
+    FORMATS.iter().find(|format| (format.begins)(bytes))
+}
+
+/// The names of all formats but raw samples.
+pub(crate) fn names() -> String {
+    FORMATS.iter().map(|format| format.name).collect::<Vec<_>>().join(", ")
+}
+
+/// What follows the mark of a text's encoding and white space.
+fn text(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start()
+}
+
+fn json(bytes: &[u8]) -> Option<&[u8]> {
+    Some(text(bytes)).filter(|text| text.starts_with(b"{"))
+}
+
+fn start(text: &[u8]) -> &[u8] {
+    &text[..text.len().min(1024)]
 }
 
 fn contains(bytes: &[u8], part: &[u8]) -> bool {

@@ -6,12 +6,19 @@
 //! |---|---|---|
 //! | glTF 2.0, GLB | mesh | [`gltf`](mod@gltf) |
 //! | OBJ with MTL and textures | mesh | [`meshes::obj`] |
-//! | PLY, ascii and binary | mesh, or trained splats | [`ply`] |
+//! | PLY, ascii and binary | mesh, or trained splats, also packed ones | [`ply`] |
+//! | .splat | trained splats | [`splats::splat`] |
 //! | NRRD, attached and detached | volume | [`volumes::nrrd`] |
 //! | MetaImage, `.mha` and `.mhd` | volume | [`volumes::meta_image`] |
 //! | NIfTI-1 and -2, also under gzip, and pairs | volume | [`volumes::nifti`] |
 //! | VTI and VTR (VTK ImageData, RectilinearGrid) | volume | [`volumes::vtk::xml`] |
 //! | legacy VTK | volume | [`volumes::vtk::legacy`] |
+//! | TIFF stacks | volume | [`volumes::tiff`] |
+//! | DICOM, a file of a series or its folder | volume | [`volumes::dicom`] |
+//! | a folder of numbered slices | volume | [`volumes::slices`] |
+//! | SPZ | trained splats | [`splats::spz`] |
+//! | SOG, as zip or `meta.json`; sets of levels | trained splats | [`splats::sog`] |
+//! | KSPLAT | trained splats | [`splats::ksplat`] |
 //! | raw samples, also under gzip | volume | [`volumes::raw`] |
 //!
 //! Nothing a file says is believed before the file's own size was asked: declared sizes are compared with
@@ -23,6 +30,7 @@
 
 mod content;
 mod error;
+pub mod export;
 mod file;
 mod format;
 pub mod gltf;
@@ -30,19 +38,21 @@ mod inflate;
 pub mod meshes;
 pub mod ply;
 mod scalar;
+mod source;
 pub mod splats;
 pub mod volumes;
+mod watch;
 
 pub use content::{Content, Note, Opened};
 pub use error::{ImportError, Place};
+pub use export::ExportError;
 pub use volumes::raw::{Endian, LayoutError, RawLayout, SampleType, parse_dims};
+pub use watch::Watch;
 
-use file::File;
-use format::Format;
 use glam::DVec3;
-use meshes::obj;
+use source::Source;
 use std::path::{Path, PathBuf};
-use volumes::{meta_image, nifti, nrrd, raw, vtk};
+use volumes::slices;
 
 /// What a caller knows that a file may not say.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,8 +63,12 @@ pub struct OpenOptions {
     pub spacing: Option<DVec3>,
     /// A PNG or JPEG for the parts of an OBJ or PLY mesh that have texture coordinates and no texture.
     pub texture: Option<PathBuf>,
+    /// The level of detail of a file that has several, 0 being the finest and the default; other files don't heed it.
+    pub level: Option<u32>,
     /// Bytes that a compressed file may unpack to, at most.
     pub max_memory: u64,
+    /// Is told how far reading has come.
+    pub watch: Option<Watch>,
 }
 
 impl OpenOptions {
@@ -64,26 +78,23 @@ impl OpenOptions {
 
 impl Default for OpenOptions {
     fn default() -> Self {
-        Self { raw: None, spacing: None, texture: None, max_memory: Self::MAX_MEMORY }
+        let max_memory = Self::MAX_MEMORY;
+        Self { raw: None, spacing: None, texture: None, level: None, max_memory, watch: None }
     }
 }
 
-/// Reads the file at `path`, whatever of the formats above it is.
+/// Reads the file or folder at `path`, whatever of the formats above it is.
 ///
 /// # Errors
 /// When the file, or one that it names, cannot be read, is malformed or of an unsupported kind; for raw
 /// samples when neither `options` nor the file's name tell their layout.
 pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Opened, ImportError> {
-    let file = File::read(path.as_ref())?;
-    match Format::of(&file, options.raw.is_some()) {
-        Format::Gltf => gltf::read(&file).map(Opened::from),
-        Format::Obj => obj::read(&file, options).map(Opened::from),
-        Format::Ply => ply::read(file, options),
-        Format::Nrrd => nrrd::read(&file, options).map(Opened::from),
-        Format::MetaImage => meta_image::read(&file, options),
-        Format::Nifti => nifti::read(&file, options),
-        Format::VtkXml => vtk::xml::read(&file, options).map(Opened::from),
-        Format::VtkLegacy => vtk::legacy::read(&file, options).map(Opened::from),
-        Format::Raw => raw::read(&file, options).map(Opened::from),
+    let path = path.as_ref();
+    if path.is_dir() {
+        return Ok(Opened { format: "slices", ..slices::read(path, options)? });
     }
+    let source = Source::open(path, options.watch.as_ref())?;
+    let format = format::of(&source.head, options.raw.is_some());
+    let opened = (format.read)(source, options)?;
+    Ok(Opened { format: format.name, up: format.up.unwrap_or(opened.up), ..opened })
 }

@@ -108,16 +108,25 @@ impl Scalar {
 /// Numbers that columns of a file are wanted as.
 pub(crate) trait FromF64: Copy {
     fn from_f64(value: f64) -> Self;
+    fn from_f32(value: f32) -> Self;
 }
 
 impl FromF64 for f32 {
     fn from_f64(value: f64) -> Self {
         value as f32
     }
+
+    fn from_f32(value: f32) -> Self {
+        value
+    }
 }
 
 impl FromF64 for f64 {
     fn from_f64(value: f64) -> Self {
         value
+    }
+
+    fn from_f32(value: f32) -> Self {
+        f64::from(value)
     }
 }

@@ -17,13 +17,14 @@ use oblate::engine::{Blend, Scene, Stage};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Draws a picture of a scene file, of meshes, volumes and trained splats, or of the built-in scene.
+/// Draws a picture of a scene file, of meshes, volumes, point clouds and trained splats, or of the built-in scene.
 ///
-/// Meshes (glTF, GLB, OBJ, PLY), volumes (NRRD, VTI, raw) and trained splats (PLY) given together stand in one
-/// scene. Without a file the built-in scene is drawn. The camera used is printed so that it can be refined.
+/// Meshes (glTF, OBJ, PLY, STL), volumes (NRRD, VTI, VTK, MetaImage, NIfTI, TIFF, slices, raw), point clouds (LAS, LAZ,
+/// PLY, PCD, XYZ) and trained splats (PLY, .splat, .spz, .sog, .ksplat, glTF) given together stand in one scene.
+/// Without a file the built-in scene is drawn. The camera used is printed so that it can be refined.
 #[derive(Args)]
 pub(crate) struct RenderArgs {
-    /// A scene file (TOML), or meshes, volumes and splats; none: the built-in scene
+    /// A scene file (TOML), or meshes, volumes, points and splats; none: the built-in scene
     #[arg(value_name = "SCENE.toml | FILE")]
     files: Vec<PathBuf>,
 
@@ -82,7 +83,7 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     let built_in = args.files.is_empty();
     ensure!(
         !built_in || args.file == FileOptions::default(),
-        "--dims, --type, --endian, --spacing and --texture are for files; none is given"
+        "--dims, --type, --endian, --spacing, --texture, --level and --max-memory are for files; none is given"
     );
     // Places that can't be written to are found before the work.
     let format = Format::of(&args.output, args.bits)?;
@@ -161,7 +162,7 @@ fn describe(files: Vec<PathBuf>) -> Result<Description> {
             let description = scene_file::read(path)?;
             ensure!(
                 !description.sources.is_empty(),
-                "{}: it lists no [[mesh]], no [[volume]] and no [[splats]]",
+                "{}: it lists no [[mesh]], [[volume]], [[points]] or [[splats]]",
                 path.display()
             );
             Ok(description)
@@ -177,7 +178,6 @@ fn describe(files: Vec<PathBuf>) -> Result<Description> {
 fn load_all(sources: Vec<Source>, file: &FileOptions, console: Console) -> Result<(Vec<Item>, Uses)> {
     let (mut items, mut uses) = (Vec::new(), Uses::default());
     for source in sources {
-        let _task = console.task(format!("reading {}", source.path.display()));
         let (item, of_item) = load(source, file, console)?;
         items.push(item);
         uses = uses | of_item;

@@ -1,10 +1,12 @@
-//! Meshes to surfels: evenly spread samples of a surface, each with the area that it stands for.
+//! Meshes and point clouds to surfels: samples of a surface, each with the area that it stands for.
 //!
 //! [`sample`] turns the surface into many small pieces of known area ("points"), chooses some of them as
 //! samples that keep their distance, and gives every point to its nearest sample: what a sample owns is its
 //! area, its normal and its colour. Nothing of the surface is lost or counted twice, so the areas sum to the
 //! mesh's. One Gaussian of one width for all surfels then smooths these areas to an even cover, whatever
 //! the triangles are like: huge, tiny, slivers, or all of them.
+//!
+//! [`point_surfels`] makes each point of a scan a surfel, whose plane and area its neighbours tell.
 //!
 //! ```
 //! use oblate_surfels::{Density, Mesh, SamplerSettings, primitives, sample};
@@ -23,6 +25,7 @@ mod error;
 mod facets;
 mod grid;
 mod measure;
+mod point_cloud;
 mod points;
 mod relax;
 mod sample;
@@ -31,5 +34,8 @@ mod view;
 
 pub use error::SampleError;
 pub use mesh::{BaseColor, Mesh, Primitive, Texture, Wrap};
+pub use point_cloud::{
+    POINT_COVERAGE_FLOOR, PointCloud, PointColor, PointError, PointSettings, point_surfels,
+};
 pub use sample::{COVERAGE_FLOOR, Density, KERNEL_SIGMA, SamplerSettings, sample};
 pub use view::view_spacing;

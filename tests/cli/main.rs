@@ -3,6 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "what is not there fails the test")]
 
 mod command_line;
+mod convert;
 mod compare;
 mod place;
 mod render;

@@ -77,7 +77,7 @@ fn a_scene_file_places_them() {
     write(&place, "a.ply", &[([0.0; 3], f64::INFINITY, 1.0, 0.0)]);
     place.write(
         "scene.toml",
-        "version = 1\n[camera]\neye = [0, 0, -50]\ntarget = [0, 0, 0]\northographic = 33\n[[splats]]\npath = 'a.ply'\n\
+        "version = 1\n[camera]\neye = [0, 0, -50]\ntarget = [0, 0, 0]\nup = [0, 1, 0]\northographic = 33\n[[splats]]\npath = 'a.ply'\n\
          scale = [0.1, 0.1, 4]\nrotate = [0, 90, 0]\ntranslate = [0, 8, 0]\n[render]\nsize = [33, 33]\nbackground = '000000'\n",
     );
     place.run(&["render", "scene.toml"]);
@@ -101,6 +101,23 @@ fn a_scene_file_places_them() {
 }
 
 #[test]
+fn what_is_left_out_is_said() {
+    let place = Workplace::new();
+    write(&place, "a.ply", &[([0.0; 3], 0.0, 1.0, 0.0), ([f64::NAN; 3], 0.0, 1.0, 0.0)]);
+    let note = "left out: 1 of 2 splats: 1 with a number that is NaN, infinite or out of its range (the first is splat 1)";
+    let [_, err] = place.run(&["render", "a.ply", "--size", "8x8"]);
+    assert!(err.contains(&format!("a.ply: {note}\n")), "{err}");
+    let [_, err] = place.run(&["render", "a.ply", "--size", "8x8", "--quiet"]);
+    assert!(err.is_empty(), "{err}");
+    let [out, _] = place.run(&["info", "a.ply"]);
+    assert!(out.contains(&format!("note        {note}\n")), "{out}");
+    let [json, err] = place.run(&["info", "a.ply", "--json"]);
+    let found: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((&found["kind"], &found["count"], &found["notes"][0]), (&"splats".into(), &1.into(), &note.into()));
+    assert!(err.is_empty());
+}
+
+#[test]
 fn they_are_framed() {
     let place = Workplace::new();
     write(&place, "a.ply", &[([99.0, 0.0, 0.0], 5.0, 1.0, 0.0), ([101.0, 0.0, 0.0], 5.0, 1.0, 0.0)]);
@@ -115,14 +132,17 @@ fn info_says_what_is_in_it() {
     write(&place, "a.ply", &[([1.0, -2.0, 3.0], 0.0, 1.0, 0.0), ([2.5, -2.0, 0.0], f64::INFINITY, 1.0, 0.0)]);
     let [out, _] = place.run(&["info", "a.ply"]);
     for line in [
+        "format      PLY",
         "splats      2",
         "harmonics   degree 1: 3 colours a splat beside the constant one",
         "opacity     0.5 to 1",
+        "filter      classic",
+        "blending    display",
         "bounds      1, -2, 0 to 2.5, -2, 3",
     ] {
         assert!(out.lines().any(|l| l == line), "{line} in {out}");
     }
     write(&place, "b.ply", &[([f64::NAN; 3], 0.0, 1.0, 0.0)]);
     let message = place.refusal(&["info", "b.ply"]);
-    assert!(message.contains("b.ply, vertex 0: x is NaN"), "{message}");
+    assert!(message.contains("b.ply: there are no splats in it"), "{message}");
 }

@@ -1,6 +1,7 @@
 //! The rows of a PLY file, gathered into columns by name.
 
 use super::header::{Element, Encoding, Header, Kind};
+use super::table::too_short;
 use crate::Endian;
 use crate::file::File;
 use crate::scalar::{FromF64, Scalar};
@@ -38,6 +39,16 @@ pub(crate) struct Body<'a> {
 }
 
 impl<'a> Body<'a> {
+    /// At the rows of `wanted`, behind those before it.
+    pub(crate) fn at(file: &'a File, header: &Header, wanted: &Element) -> Result<Self, ImportError> {
+        let mut body = Self::new(file, header);
+        for element in header.elements.iter().take_while(|element| element.name != wanted.name) {
+            drop(body.gather::<f32>(element, &[])?);
+        }
+        body.check_size(wanted)?;
+        Ok(body)
+    }
+
     pub(crate) fn new(file: &'a File, header: &Header) -> Self {
         let (at, line) = header.body;
         Self { file, encoding: header.encoding, at, line: line.saturating_sub(1), row_end: at }
@@ -72,35 +83,27 @@ impl<'a> Body<'a> {
         Ok(columns)
     }
 
-    /// Readers of the next element's rows, each of as many rows as given, which can work at the same time, and that
-    /// number: about `rows`, or all where only reading tells where a row begins.
-    pub(crate) fn split(self, element: &Element, rows: usize) -> Result<(Vec<Self>, usize), ImportError> {
-        self.check_size(element)?;
-        match element.row_size().filter(|_| self.encoding != Encoding::Ascii) {
-            None => Ok((vec![self], element.rows.max(1))),
-            Some(size) => {
-                let part = |first| Self { at: self.at + first * size, ..self.clone() };
-                Ok(((0..element.rows).step_by(rows).map(part).collect(), rows))
-            }
-        }
-    }
-
-    /// Reads a row's numbers to their places in `record`; there is a place or none for each property.
-    pub(crate) fn record(
+    /// Calls `each` with a record of the numbers of each of the next element's rows; there is a place in it, or none,
+    /// for each property. A record's numbers that no property has stay as they are.
+    pub(crate) fn records(
         &mut self,
         element: &Element,
-        row: usize,
         places: &[Option<usize>],
         record: &mut [f32],
+        mut each: impl FnMut(&[f32]),
     ) -> Result<(), ImportError> {
-        self.begin_row(element, row)?;
-        for (property, place) in element.properties.iter().zip(places) {
-            match (property.kind, place) {
-                (Kind::Scalar(scalar), Some(place)) => record[*place] = self.next(scalar)? as f32,
-                (kind, _) => self.read::<f32>(kind, None)?,
+        for row in 0..element.rows {
+            self.begin_row(element, row)?;
+            for (property, place) in element.properties.iter().zip(places) {
+                match (property.kind, place) {
+                    (Kind::Scalar(scalar), Some(place)) => record[*place] = self.next(scalar)? as f32,
+                    (kind, _) => self.read::<f32>(kind, None)?,
+                }
             }
+            self.end_row(element, row)?;
+            each(record);
         }
-        self.end_row(element, row)
+        Ok(())
     }
 
     fn read<T: FromF64>(&mut self, kind: Kind, column: Option<&mut Column<T>>) -> Result<(), ImportError> {
@@ -141,13 +144,7 @@ impl<'a> Body<'a> {
         // The last separator may be missing.
         let left = self.file.bytes.len() - self.at + 1;
         if element.rows.checked_mul(row).is_none_or(|needed| needed > left) {
-            let problem = format!(
-                "{} rows of element {:?} need at least {row} bytes each, but only {} bytes are left",
-                element.rows,
-                element.name,
-                left - 1
-            );
-            return Err(self.file.malformed(Place::Byte(self.at), problem));
+            return Err(too_short(self.file, (self.at, left - 1), element, row));
         }
         Ok(())
     }

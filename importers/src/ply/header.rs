@@ -47,6 +47,9 @@ pub(crate) struct Header {
     pub(crate) body: (usize, usize),
 }
 
+/// Properties that an element may have: names are looked up one by one.
+const MOST_PROPERTIES: usize = 4096;
+
 impl Element {
     /// The property of this name and what it is.
     pub(crate) fn kind(&self, name: &str) -> Option<Kind> {
@@ -109,6 +112,9 @@ impl Header {
                     let Some(element) = header.elements.last_mut() else {
                         return Err(malformed("a property before any element"));
                     };
+                    if element.properties.len() == MOST_PROPERTIES {
+                        return Err(malformed("an element of more than 4096 properties"));
+                    }
                     if element.kind(name).is_some() {
                         return Err(malformed("a second property of this name"));
                     }

@@ -22,6 +22,8 @@
 //! Rows that are no splats are left out: see [`crate::splats`]. The others come in Morton order, without normals,
 //! unlit.
 //!
+//! **Surfels** as oblate writes them have a comment that begins with `oblate surfels`, and every number that splats have.
+//!
 //! **Meshes** have elements `vertex` and `face`:
 //! - `x y z`, and `nx ny nz` where given.
 //! - `red green blue` and `alpha` (also `diffuse_red` and so on): integers are scaled to [0, 1]; PLY has no
@@ -34,24 +36,32 @@
 mod body;
 mod header;
 mod mesh;
+mod mode;
+mod packed;
+mod seen;
 mod splats;
+pub(crate) mod surfels;
+mod table;
 
-use crate::file::File;
-use crate::{ImportError, OpenOptions, Opened, Place};
+use crate::source::Source;
+use crate::{ImportError, OpenOptions, Opened};
 use header::Header;
+pub(crate) use splats::CONSTANT_HARMONIC;
 
-/// Reads a mesh or splats. The file is given up as soon as it can be: it may be large.
-pub(crate) fn read(file: File, options: &OpenOptions) -> Result<Opened, ImportError> {
-    let header = Header::parse(&file)?;
+/// Reads a mesh or splats.
+pub(crate) fn read(source: Source, options: &OpenOptions) -> Result<Opened, ImportError> {
+    let header = Header::parse(&source.head)?;
     let has_faces = header.element("face").is_some_and(|faces| faces.rows > 0);
     let vertex = header.element("vertex").filter(|_| !has_faces);
     let has = |name: &&str| vertex.is_some_and(|vertex| vertex.kind(name).is_some());
-    if has(&"packed_position") {
-        let feature = "packed splats (.compressed.ply) are not supported; plain ones are";
-        Err(file.unsupported(Place::Whole, feature))
-    } else if ["f_dc_0", "scale_0", "rot_0"].iter().any(has) {
-        splats::read(&file, &header)
-    } else {
-        mesh::read(&file, &header, options).map(Opened::from)
+    if surfels::is_ours(&header) {
+        return surfels::read(&source.into_file()?, &header);
+    }
+    match vertex {
+        Some(vertex) if has(&"packed_position") => packed::read(&source, &header, vertex, options),
+        Some(vertex) if ["f_dc_0", "scale_0", "rot_0"].iter().any(has) => {
+            splats::read(source, &header, vertex)
+        }
+        _ => mesh::read(&source.into_file()?, &header, options).map(Opened::from),
     }
 }

@@ -25,6 +25,14 @@ impl Training {
     pub(crate) fn per_splat(self) -> usize {
         (usize::from(self.degree) + 1).pow(2) - 1
     }
+
+    /// Memory that a splat takes: centre, shape, opacity and colours.
+    pub(crate) fn bytes_per_splat(self) -> u64 {
+        (size_of::<Vec3>()
+            + size_of::<Mat3>()
+            + size_of::<f32>()
+            + size_of::<[f32; 3]>() * (1 + self.per_splat())) as u64
+    }
 }
 
 /// Where a reader puts records: splats of some consecutive rows.
@@ -40,13 +48,16 @@ pub(crate) struct Sink<'a> {
 }
 
 impl Sink<'_> {
-    /// Puts the next row's splat to its place, or notes why it is none.
-    pub(crate) fn put(&mut self, record: &Trained) {
+    /// Puts the next row's splat to its place, or notes why it is none; whether it is one.
+    pub(crate) fn put(&mut self, record: &Trained) -> bool {
         let index = self.next;
         self.next += 1;
         let per_splat = self.harmonics.len() / self.centers.len();
         match record.activate(per_splat) {
-            Err(reject) => self.rejected.push((self.first_row + index, reject)),
+            Err(reject) => {
+                self.rejected.push((self.first_row + index, reject));
+                false
+            }
             Ok(splat) => {
                 self.centers[index] = splat.center;
                 self.factors[index] = splat.factor;
@@ -54,6 +65,7 @@ impl Sink<'_> {
                 self.colors[index] = splat.color;
                 self.harmonics[index * per_splat..][..per_splat]
                     .copy_from_slice(&record.harmonics[..per_splat]);
+                true
             }
         }
     }

@@ -10,15 +10,18 @@
 //! - the logarithm of one of its σ is finite and beyond ±40;
 //! - a coefficient of its colour is beyond ±1e12, so that sums of harmonics could be infinite.
 //!
+//! **Axes**: all formats come out on those that a 3DGS .ply of the same scene has. By the convention of training from
+//! photographs that is x right, y down, z ahead, though no file says so; SPZ, which says otherwise, is turned.
+//!
 //! Opacities 0 and 1, σ of 0 (flat splats) and any place that single precision has are drawn.
 
 mod gather;
-#[expect(dead_code, reason = "for writers and formats to come")]
+pub mod ksplat;
+pub(crate) mod packed;
+pub mod sog;
+pub mod splat;
+pub mod spz;
 mod trained;
 
-#[expect(unused_imports, reason = "for formats to come")]
-pub(crate) use gather::Sink;
-pub(crate) use gather::{ROWS, Training, gather};
-pub(crate) use trained::Trained;
-#[expect(unused_imports, reason = "for formats to come")]
-pub(crate) use trained::{log_scale, trained};
+pub(crate) use gather::{ROWS, Sink, Training, gather};
+pub(crate) use trained::{LARGEST_LOG_SCALE, Trained, log_scale, trained};

@@ -8,7 +8,7 @@ use oblate_engine::{Splats, Strength};
 pub(crate) const MOST_HARMONICS: usize = 15;
 
 /// The logarithm of σ is within ± this, or −∞.
-const LARGEST_LOG_SCALE: f32 = 40.0;
+pub(crate) const LARGEST_LOG_SCALE: f32 = 40.0;
 
 /// Sums of harmonics with coefficients of this size, decoded to linear, are in the range of single precision.
 const LARGEST_COLOR: f32 = 1e12;

@@ -34,6 +34,13 @@ struct Header<'a> {
     body: usize,
 }
 
+/// Whether a file that begins with `bytes` is a MetaImage: its header has no fixed beginning, but only these are usual.
+pub(crate) fn begins(bytes: &[u8]) -> bool {
+    let head = &bytes[..bytes.len().min(1024)];
+    ["ObjectType", "NDims", "Comment"].iter().any(|field| head.starts_with(field.as_bytes()))
+        && head.windows(5).any(|word| word == b"NDims")
+}
+
 /// Reads a volume.
 pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportError> {
     let header = Header::parse(file)?;

@@ -23,7 +23,7 @@ use oblate_volumes::GridFrame;
 use std::borrow::Cow;
 
 /// Bytes of a NIfTI-2 header, the longer one.
-pub(crate) const HEADER: usize = 540;
+const HEADER: usize = 540;
 
 /// A field of the header: where it begins and its number type, in NIfTI-1 and in NIfTI-2.
 type Field = [(usize, Scalar); 2];
@@ -63,18 +63,23 @@ fn magic(bytes: &[u8]) -> Option<(usize, bool)> {
     }
 }
 
-/// Whether a file that begins with `bytes` is NIfTI.
+/// Whether a file that begins with `bytes` is NIfTI, as it stands or under gzip.
 pub(crate) fn begins(bytes: &[u8]) -> bool {
-    magic(bytes).is_some()
+    magic(&head(bytes)).is_some()
+}
+
+/// A file's first bytes, unpacked, up to the length of a header.
+fn head(bytes: &[u8]) -> Vec<u8> {
+    if bytes.starts_with(&inflate::GZIP) {
+        inflate::gzip_beginning(bytes, HEADER)
+    } else {
+        bytes[..bytes.len().min(HEADER)].to_vec()
+    }
 }
 
 /// Reads a volume.
 pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportError> {
-    let head = if file.bytes.starts_with(&inflate::GZIP) {
-        inflate::gzip_beginning(&file.bytes, HEADER)
-    } else {
-        file.bytes[..file.bytes.len().min(HEADER)].to_vec()
-    };
+    let head = head(&file.bytes);
     let header = Header::new(file, &head)?;
     let mut notes = Vec::new();
     let (dims, frames) = header.dims()?;

@@ -4,7 +4,7 @@
 //! `CThead_256x256x113_uint16be.raw.gz`; without a byte order little-endian is meant.
 
 use crate::file::File;
-use crate::format::Format;
+use crate::format;
 use crate::inflate;
 use crate::scalar::Scalar;
 use crate::volumes::voxels::Layout;
@@ -71,6 +71,17 @@ impl FromStr for SampleType {
     }
 }
 
+impl SampleType {
+    pub(crate) fn scalar(self) -> Scalar {
+        match self {
+            Self::U8 => Scalar::U8,
+            Self::U16 => Scalar::U16,
+            Self::I16 => Scalar::I16,
+            Self::F32 => Scalar::F32,
+        }
+    }
+}
+
 impl fmt::Display for SampleType {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
@@ -101,18 +112,22 @@ impl fmt::Display for Endian {
     }
 }
 
-/// Reads `256x256x128` as samples along x, y, z.
+/// Reads `256x256x128` as samples along x, y, z; `256x256` is one slice.
 ///
 /// # Errors
-/// When the text is not three positive numbers with `x` between them.
+/// When the text is not two or three positive numbers with `x` between them.
 pub fn parse_dims(text: &str) -> Result<[usize; 3], LayoutError> {
-    let error = || LayoutError { given: text.into(), expected: "three positive numbers such as 256x256x128" };
+    let error = || LayoutError { given: text.into(), expected: "positive numbers such as 256x256x128" };
     let numbers: Vec<usize> = text
         .split(['x', 'X'])
         .map(|n| n.parse().ok().filter(|&n| n > 0))
         .collect::<Option<_>>()
         .ok_or_else(error)?;
-    numbers.try_into().map_err(|_| error())
+    match numbers[..] {
+        [x, y] => Ok([x, y, 1]),
+        [x, y, z] => Ok([x, y, z]),
+        _ => Err(error()),
+    }
 }
 
 /// What a file's name says of its layout.
@@ -148,7 +163,7 @@ impl NameLayout {
 }
 
 /// The caller's layout, else the name's.
-fn layout(file: &File, options: &OpenOptions) -> Result<RawLayout, ImportError> {
+pub(crate) fn layout(file: &File, options: &OpenOptions) -> Result<RawLayout, ImportError> {
     if let Some(layout) = options.raw {
         return Ok(layout);
     }
@@ -169,20 +184,14 @@ fn layout(file: &File, options: &OpenOptions) -> Result<RawLayout, ImportError> 
 pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportError> {
     let gzipped = file.bytes.starts_with(&[0x1f, 0x8b]);
     if gzipped && options.raw.is_none() {
-        let inside = Format::of_beginning(&inflate::gzip_beginning(&file.bytes, 1024));
+        let inside = format::of_beginning(&inflate::gzip_beginning(&file.bytes, 1024));
         if let Some(format) = inside {
-            let feature = format!("{} under gzip is not supported; unpack it first", format.name());
+            let feature = format!("{} under gzip is not supported; unpack it first", format.name);
             return Err(file.unsupported(Place::Whole, feature));
         }
     }
     let RawLayout { dims, sample_type, endian } = layout(file, options)?;
-    let scalar = match sample_type {
-        SampleType::U8 => Scalar::U8,
-        SampleType::U16 => Scalar::U16,
-        SampleType::I16 => Scalar::I16,
-        SampleType::F32 => Scalar::F32,
-    };
-    let layout = Layout { dims, scalar, endian };
+    let layout = Layout { dims, scalar: sample_type.scalar(), endian };
     let expected = layout.bytes(file)?;
     let [x, y, z] = dims;
     let wrong = |problem: String| {

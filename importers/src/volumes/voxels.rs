@@ -36,7 +36,6 @@ impl Layout {
     }
 
     /// Numbers written as text, separated by white space or commas, as little-endian bytes.
-    #[expect(dead_code, reason = "text that is not the volume itself, such as a slice of one")]
     pub(crate) fn bytes_from_text(&self, file: &File, text: &[u8]) -> Result<Vec<u8>, ImportError> {
         let mut bytes = Vec::new();
         self.parts_of_text(file, text, |_, part| {

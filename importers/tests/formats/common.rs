@@ -6,7 +6,7 @@ use oblate_importers::{Content, ImportError, OpenOptions, Opened, open};
 use oblate_surfels::{Mesh, Primitive};
 use oblate_volumes::Volume;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
 /// A folder that is removed in the end.
@@ -15,6 +15,10 @@ pub(crate) struct Folder(TempDir);
 impl Folder {
     pub(crate) fn new() -> Self {
         Self(TempDir::new().unwrap())
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        self.0.path()
     }
 
     pub(crate) fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {

@@ -3,16 +3,26 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests may panic as tests do")]
 
 mod common;
+mod dicom;
 mod gltf;
+mod ksplat;
 mod meta_image;
 mod mutation;
 mod nifti;
 mod nrrd;
 mod obj;
+mod packed;
 mod ply;
 mod raw;
 mod real_data;
 mod seeds;
+mod slices;
+mod sog;
+mod splat;
+mod splat_notes;
 mod splats;
+mod spz;
+mod surfels;
+mod tiff;
 mod vti;
 mod vtk;

@@ -117,10 +117,15 @@ macro_rules! mutated {
         fn $format() {
             seeds::$format().into_iter().for_each(survives);
         })*
+
+        /// The seeds of all formats.
+        fn all() -> Vec<Seed> {
+            [$(seeds::$format()),*].into_iter().flatten().collect()
+        }
     };
 }
 
-mutated!(gltf meta_image nifti nrrd obj ply raw splats vti vtk);
+mutated!(dicom gltf ksplat meta_image nifti nrrd obj packed ply raw sog splat splats spz surfels tiff vti vtk);
 
 #[test]
 fn material_libraries() {
@@ -153,5 +158,17 @@ fn images() {
                 check(&opened);
             }
         });
+    }
+}
+
+/// Where `OBLATE_SEEDS` names a folder, `fuzz/corpus` for one, fuzzing begins with the files that this writes to the folders
+/// of its targets, which are called by the endings of files' names.
+#[test]
+fn seeds_are_written_for_fuzzing() {
+    let Some(folder) = std::env::var_os("OBLATE_SEEDS").map(std::path::PathBuf::from) else { return };
+    for (index, seed) in all().iter().enumerate() {
+        let target = folder.join(seed.name.rsplit('.').next().unwrap());
+        std::fs::create_dir_all(&target).unwrap();
+        std::fs::write(target.join(format!("seed_{index}")), &seed.bytes).unwrap();
     }
 }

@@ -58,8 +58,6 @@ fn what_is_missing_is_named() {
     folder.refused("nothing", [], &["not recognised"]);
     let missing = oblate_importers::open("no such file", &OpenOptions::default());
     refused(missing, "no such file", &["cannot be read"]);
-    let folder_itself = oblate_importers::open(std::env::temp_dir(), &OpenOptions::default());
-    assert!(folder_itself.is_err());
 }
 
 #[test]
@@ -91,7 +89,8 @@ fn values_that_are_not_finite_are_kept() {
 #[test]
 fn words_of_layouts() {
     assert_eq!(parse_dims("256x256x113").unwrap(), [256, 256, 113]);
-    for bad in ["256x256", "1x2x3x4", "0x1x1", "axbxc", "", "1x-2x3"] {
+    assert_eq!(parse_dims("256x128").unwrap(), [256, 128, 1]);
+    for bad in ["256", "1x2x3x4", "0x1x1", "axbxc", "", "1x-2x3"] {
         assert!(parse_dims(bad).unwrap_err().to_string().contains("256x256x128"), "{bad}");
     }
     for sample_type in [SampleType::U8, SampleType::U16, SampleType::I16, SampleType::F32] {

@@ -1,11 +1,14 @@
 //! Files that others wrote. Without `OBLATE_DATA` or `../shared/data` these tests skip, unless
 //! `OBLATE_REQUIRE_DATA=1`.
 
-use crate::common::{mesh, refused, volume};
+use crate::common::{Folder, mesh, refused, splats, volume};
 use glam::{DVec3, Vec3};
-use oblate_importers::{OpenOptions, open};
+use oblate_engine::color::linear_to_srgb;
+use oblate_engine::{Blend, OpacityFilter, Splats, Strength};
+use oblate_importers::{Content, Endian, OpenOptions, RawLayout, SampleType, open};
 use oblate_surfels::{Mesh, Primitive};
 use oblate_volumes::{Volume, Voxels};
+use std::io::Read;
 use std::path::PathBuf;
 
 fn data(name: &str) -> Option<PathBuf> {
@@ -74,6 +77,22 @@ fn head_is_big_endian() {
     assert!(matches!(head.voxels(), Voxels::U16(_)));
     assert_eq!(range(&head), (0.0, 3272.0));
     assert_eq!(head.frame().spacing, spacing);
+}
+
+/// As the data set is handed out: 113 files of one slice.
+#[test]
+fn head_in_slices_is_the_same() {
+    let Some(path) = data("volumes/CThead_256x256x113_uint16be.raw.gz") else { return };
+    let head = volume(open(&path, &OpenOptions::default()));
+    let folder = Folder::new();
+    let mut bytes = Vec::new();
+    flate2::read::GzDecoder::new(&std::fs::read(path).unwrap()[..]).read_to_end(&mut bytes).unwrap();
+    for (index, slice) in bytes.chunks(2 * 256 * 256).enumerate() {
+        folder.write(&format!("CThead.{}", index + 1), slice);
+    }
+    let layout = RawLayout { dims: [256, 256, 1], sample_type: SampleType::U16, endian: Endian::Big };
+    let options = OpenOptions { raw: Some(layout), ..OpenOptions::default() };
+    assert!(volume(open(folder.path(), &options)) == head, "voxels and frame should be equal");
 }
 
 #[test]
@@ -149,12 +168,6 @@ fn ply_meshes() {
 }
 
 #[test]
-fn packed_splats_are_refused_as_such() {
-    let Some(path) = data("splats/biker.compressed.ply") else { return };
-    refused(open(path, &OpenOptions::default()), "biker.compressed.ply", &["packed splats", "plain ones"]);
-}
-
-#[test]
 fn obj_meshes() {
     if let Some(armadillo) = only(open_mesh("meshes/armadillo.obj")) {
         assert_eq!((armadillo.positions.len(), armadillo.triangles.len()), (43243, 86482));
@@ -204,4 +217,145 @@ fn binary_gltf() {
         // Its root node scales by a hundredth.
         assert!((duck.primitive_to_mesh.matrix3.x_axis.length() - 0.01).abs() < 1e-6);
     }
+}
+
+fn open_splats(name: &str, level: Option<u32>) -> Option<Splats> {
+    data(name).map(|path| splats(open(path, &OpenOptions { level, ..OpenOptions::default() })))
+}
+
+/// The mean and the standard deviation of numbers.
+fn spread(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
+    let count = values.clone().count() as f64;
+    let mean = values.clone().sum::<f64>() / count;
+    (mean, (values.map(|value| (value - mean).powi(2)).sum::<f64>() / count).sqrt())
+}
+
+fn opacities(splats: &Splats) -> &[f32] {
+    let Strength::Opacity { peaks, .. } = &splats.strength else { panic!("opacities are expected") };
+    peaks
+}
+
+#[test]
+fn biker_stands_as_its_ply_does() {
+    let Some(biker) = open_splats("splats/biker.spz", None) else { return };
+    assert_eq!(biker.centers.len(), 152_746);
+    let low = biker.centers.iter().copied().reduce(Vec3::min).unwrap();
+    let high = biker.centers.iter().copied().reduce(Vec3::max).unwrap();
+    // From biker.compressed.ply, unpacked by hand in double precision; its steps are below a thousandth, those of
+    // .spz 1/4096. y is down: the wheels are at 0.
+    let expected = [Vec3::new(-0.621_256, -3.180_076, -0.532_257), Vec3::new(0.414_404, 0.0, 0.613_281)];
+    assert!(low.abs_diff_eq(expected[0], 1e-3) && high.abs_diff_eq(expected[1], 1e-3), "{low} {high}");
+    let columns = [(-0.048_573, 0.195_885), (-1.605_046, 0.807_815), (0.002_286, 0.297_980)];
+    for (axis, (mean, deviation)) in columns.into_iter().enumerate() {
+        let found = spread(biker.centers.iter().map(|center| f64::from(center[axis])));
+        assert!((found.0 - mean).abs() < 1e-4 && (found.1 - deviation).abs() < 1e-4, "{axis}: {found:?}");
+    }
+    let mean = opacities(&biker).iter().map(|opacity| f64::from(*opacity)).sum::<f64>() / 152_746.0;
+    assert!(mean > 0.2 && mean < 0.95, "{mean}");
+}
+
+#[test]
+fn small_spz() {
+    for name in ["raw", "v2", "v3", "v4"] {
+        let Some(splats) = open_splats(&format!("splats/fixtures/minimal-{name}.spz"), None) else { return };
+        // One at the origin, the others a step of −1 along each axis of the file; z and y turn.
+        let mut centers = splats.centers.clone();
+        centers.sort_by(|a, b| a.to_array().partial_cmp(&b.to_array()).unwrap());
+        assert_eq!(centers.len(), 4, "{name}");
+        assert!(
+            centers.iter().all(|center| center.abs().element_sum().fract() == 0.0),
+            "{name}: {centers:?}"
+        );
+        assert!(opacities(&splats).iter().all(|opacity| (opacity - 0.9).abs() < 0.01), "{name}");
+    }
+    let Some(ksplat) = open_splats("splats/fixtures/minimal.ksplat", None) else { return };
+    assert_eq!(ksplat.centers.iter().copied().sum::<Vec3>(), Vec3::NEG_ONE);
+    assert!(ksplat.shapes.factor(0).x_axis.abs_diff_eq(Vec3::new(-0.1, 0.0, 0.0), 1e-6));
+}
+
+#[test]
+fn playbot_in_all_its_levels() {
+    let counts = [500_000, 250_000, 125_000, 31_000, 8406, 3000, 1873];
+    let mut finest = None;
+    for (level, count) in counts.into_iter().enumerate() {
+        let Some(path) = data("splats/playbot/lod-meta.json") else { return };
+        let options = OpenOptions { level: Some(level as u32), ..OpenOptions::default() };
+        let opened = open(path, &options).unwrap();
+        let note = format!("left out: the other 6 of 7 levels of detail; this is {level}");
+        assert_eq!(opened.notes.iter().map(ToString::to_string).collect::<Vec<_>>(), [note]);
+        let whole = splats(Ok(opened));
+        assert_eq!(whole.centers.len(), count);
+        if level > 2 {
+            let alone = open_splats(&format!("splats/playbot/{level}_0/meta.json"), None).unwrap();
+            assert!(alone == whole, "the tree has all of level {level}");
+        }
+        let low = whole.centers.iter().copied().reduce(Vec3::min).unwrap();
+        let high = whole.centers.iter().copied().reduce(Vec3::max).unwrap();
+        let (low_finest, high_finest) = *finest.get_or_insert((low, high));
+        // Some 2 units in size.
+        assert!(
+            low.abs_diff_eq(low_finest, 0.08) && high.abs_diff_eq(high_finest, 0.08),
+            "{level}: {low} {high}"
+        );
+        let opaque = opacities(&whole).iter().filter(|opacity| **opacity > 0.1).count();
+        assert!(
+            opaque > count / 3 && opacities(&whole).iter().any(|opacity| *opacity > 0.9),
+            "{opaque} of {count}"
+        );
+        // The bounds that lod-meta.json gives, of the splats with their σ, are some wider.
+        assert!(low.min_element() > -1.084 && high.max_element() < 1.043, "{level}: {low} {high}");
+    }
+}
+
+#[test]
+fn levels_that_are_not_there() {
+    let Some(path) = data("splats/playbot/lod-meta.json") else { return };
+    let options = OpenOptions { level: Some(7), ..OpenOptions::default() };
+    refused(open(path, &options), "lod-meta.json", &["no level 7", "there are 7, of which 0 is the finest"]);
+}
+
+#[test]
+fn packed_splats() {
+    let Some(path) = data("splats/biker.compressed.ply") else { return };
+    let opened = open(path, &OpenOptions::default()).unwrap();
+    assert_eq!(opened.notes, []);
+    let Content::Splats { splats, blend: Blend::Display } = opened.content else {
+        panic!("splats are expected")
+    };
+    let count = 152_746;
+    assert_eq!(splats.centers.len(), count);
+    assert!(splats.harmonics.is_none());
+    let Strength::Opacity { peaks, filter: OpacityFilter::Classic } = &splats.strength else {
+        panic!("opacities are expected")
+    };
+    let fold = |f: fn(Vec3, Vec3) -> Vec3| splats.centers.iter().copied().reduce(f).unwrap();
+    let (low, high) = (fold(Vec3::min), fold(Vec3::max));
+    // Computed from the file's bytes by a program that shares nothing with the reader; y points down.
+    let close = |found: Vec3, x: f32, y: f32, z: f32| found.abs_diff_eq(Vec3::new(x, y, z), 1e-5);
+    assert!(close(low, -0.621_256, -3.180_076, -0.532_257), "{low}");
+    assert!(close(high, 0.414_404, 0.0, 0.613_281), "{high}");
+    let mean =
+        |value: &dyn Fn(usize) -> f32| (0..count).map(|i| f64::from(value(i))).sum::<f64>() / count as f64;
+    let center = Vec3::from([0, 1, 2].map(|axis| mean(&|i| splats.centers[i][axis]) as f32));
+    assert!(close(center, -0.048_573, -1.605_046, 0.002_286), "{center}");
+    let sigma =
+        Vec3::from([0, 1, 2].map(|axis| mean(&|i| splats.shapes.factor(i).col(axis).length()) as f32));
+    assert!(close(sigma, 0.005_239, 0.010_744, 0.005_766), "{sigma}");
+    let (peak, red) = (mean(&|i| peaks[i]), mean(&|i| linear_to_srgb(splats.colors[i][0])));
+    assert!((peak - 0.296_625).abs() < 1e-5 && (red - 0.318_888).abs() < 1e-5, "{peak} {red}");
+}
+
+#[test]
+fn splats_of_a_grid() {
+    let Some(path) = data("splats/fixtures/minimal.splat") else { return };
+    let splats = splats(open(path, &OpenOptions::default()));
+    // As a hex dump shows them: a square of σ = 0.1 in y = 0.
+    let corners = [[-1.0, 0.0, -1.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]];
+    assert_eq!(splats.centers, corners.map(Vec3::from));
+    for index in 0..4 {
+        let factor = splats.shapes.factor(index);
+        assert!(factor.abs_diff_eq(glam::Mat3::from_diagonal(Vec3::splat(0.1)), 1e-7), "{factor}");
+    }
+    let Strength::Opacity { peaks, .. } = &splats.strength else { panic!("opacities are expected") };
+    assert_eq!(peaks[..], [230.0 / 255.0; 4]);
 }

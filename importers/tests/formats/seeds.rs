@@ -134,10 +134,18 @@ pub(crate) fn splats() -> Vec<Seed> {
     encodings.map(|encoding| alone("a.ply", crate::splats::example(encoding))).into()
 }
 
+pub(crate) fn packed() -> Vec<Seed> {
+    vec![alone("a.compressed.ply", crate::packed::example())]
+}
+
+pub(crate) fn splat() -> Vec<Seed> {
+    vec![alone("a.splat", crate::splat::example())]
+}
+
 pub(crate) fn gltf() -> Vec<Seed> {
     vec![
         alone("a.glb", crate::gltf::example_glb()),
-        Seed { name: "a.gltf", bytes: crate::gltf::example_gltf().into(), beside: vec![("a.png", png())] },
+        Seed { name: "a.gltf", bytes: crate::gltf::example_gltf(), beside: vec![("a.png", png())] },
     ]
 }
 
@@ -146,4 +154,29 @@ pub(crate) fn obj() -> Vec<Seed> {
         f 1/1/1 2/1/1 3/2/1 4/2/1\nf -1//-1 -2//-1 -3//-1\n";
     let library = b"newmtl a\nKd 1 0.5 0\nd 0.5\nmap_Kd -clamp on -o 0 0 0 -mm 0 1 a.png\n".to_vec();
     vec![Seed { name: "a.obj", bytes: text.into(), beside: vec![("a.mtl", library), ("a.png", png())] }]
+}
+
+pub(crate) fn tiff() -> Vec<Seed> {
+    vec![alone("a.tif", crate::tiff::example()), alone("a.tif", crate::tiff::ome_example())]
+}
+
+pub(crate) fn dicom() -> Vec<Seed> {
+    let of = crate::dicom::Slice::seeds();
+    of.into_iter().map(|bytes| alone("a.dcm", bytes)).collect()
+}
+
+pub(crate) fn surfels() -> Vec<Seed> {
+    vec![alone("a.ply", crate::surfels::example())]
+}
+
+pub(crate) fn spz() -> Vec<Seed> {
+    crate::spz::examples().into_iter().map(|file| alone("a.spz", file)).collect()
+}
+
+pub(crate) fn ksplat() -> Vec<Seed> {
+    vec![alone("a.ksplat", crate::ksplat::example())]
+}
+
+pub(crate) fn sog() -> Vec<Seed> {
+    crate::sog::examples()
 }

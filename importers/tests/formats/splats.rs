@@ -8,10 +8,11 @@ use oblate_importers::Note;
 use proptest::prelude::*;
 
 /// Columns of a file by name, with their types.
-struct Table {
-    encoding: &'static str,
-    columns: Vec<(String, &'static str)>,
-    rows: Vec<Vec<f64>>,
+pub(crate) struct Table {
+    pub(crate) encoding: &'static str,
+    pub(crate) columns: Vec<(String, &'static str)>,
+    pub(crate) rows: Vec<Vec<f64>>,
+    pub(crate) comments: &'static [&'static str],
 }
 
 const PLAIN: [&str; 17] = [
@@ -22,39 +23,43 @@ const PLAIN: [&str; 17] = [
 impl Table {
     /// Columns as training writes them, `rest` of them harmonics, with one splat at the origin: grey, half opaque,
     /// round with σ = 1.
-    fn plain(rest: usize) -> Self {
+    pub(crate) fn plain(rest: usize) -> Self {
         let rest = (0..rest).map(|i| format!("f_rest_{i}"));
         let columns = PLAIN.iter().map(|name| (*name).to_owned()).chain(rest).map(|name| (name, "float"));
-        let mut table =
-            Self { encoding: "binary_little_endian", columns: columns.collect(), rows: Vec::new() };
+        let mut table = Self {
+            encoding: "binary_little_endian",
+            columns: columns.collect(),
+            rows: Vec::new(),
+            comments: &[],
+        };
         table.rows.push(vec![0.0; table.columns.len()]);
         table.set(0, "rot_0", 1.0);
         table
     }
 
-    fn at(&self, name: &str) -> usize {
+    pub(crate) fn at(&self, name: &str) -> usize {
         self.columns.iter().position(|(column, _)| column == name).unwrap()
     }
 
-    fn set(&mut self, row: usize, name: &str, value: f64) {
+    pub(crate) fn set(&mut self, row: usize, name: &str, value: f64) {
         let at = self.at(name);
         self.rows[row][at] = value;
     }
 
-    fn with(mut self, values: &[(&str, f64)]) -> Self {
+    pub(crate) fn with(mut self, values: &[(&str, f64)]) -> Self {
         values.iter().for_each(|(name, value)| self.set(0, name, *value));
         self
     }
 
     /// A copy of the first row, changed.
-    fn and(mut self, values: &[(&str, f64)]) -> Self {
+    pub(crate) fn and(mut self, values: &[(&str, f64)]) -> Self {
         self.rows.push(self.rows[0].clone());
         let last = self.rows.len() - 1;
         values.iter().for_each(|(name, value)| self.set(last, name, *value));
         self
     }
 
-    fn without(mut self, name: &str) -> Self {
+    pub(crate) fn without(mut self, name: &str) -> Self {
         let at = self.at(name);
         self.columns.remove(at);
         for row in &mut self.rows {
@@ -63,14 +68,16 @@ impl Table {
         self
     }
 
-    fn renamed(mut self, name: &str, new: &str) -> Self {
+    pub(crate) fn renamed(mut self, name: &str, new: &str) -> Self {
         let at = self.at(name);
         self.columns[at].0 = new.to_owned();
         self
     }
 
-    fn file(&self) -> Vec<u8> {
-        let mut header = format!("ply\nformat {} 1.0\nelement vertex {}\n", self.encoding, self.rows.len());
+    pub(crate) fn file(&self) -> Vec<u8> {
+        let mut header = format!("ply\nformat {} 1.0\n", self.encoding);
+        self.comments.iter().for_each(|comment| header += &format!("comment {comment}\n"));
+        header += &format!("element vertex {}\n", self.rows.len());
         self.columns.iter().for_each(|(name, kind)| header += &format!("property {kind} {name}\n"));
         let mut out = (header + "end_header\n").into_bytes();
         for row in &self.rows {
@@ -86,16 +93,16 @@ impl Table {
         out
     }
 
-    fn open(&self) -> Splats {
+    pub(crate) fn open(&self) -> Splats {
         splats(Folder::new().open("a.ply", self.file()))
     }
 
-    fn notes(&self) -> Vec<Note> {
+    pub(crate) fn notes(&self) -> Vec<Note> {
         Folder::new().open("a.ply", self.file()).unwrap().notes
     }
 
     #[track_caller]
-    fn refused(&self, parts: &[&str]) {
+    pub(crate) fn refused(&self, parts: &[&str]) {
         Folder::new().refused("a.ply", self.file(), parts);
     }
 }
@@ -285,25 +292,21 @@ fn the_3d_filter_tells_how_opacities_were_trained() {
 #[test]
 fn comments_tell_how_opacities_were_trained() {
     use OpacityFilter::{Classic, Compensated};
-    let plain = Table::plain(0);
+    let mut plain = Table::plain(0);
     let mut filtered = Table::plain(0);
     filtered.columns.push(("filter_3D".into(), "float"));
     filtered.rows[0].push(0.0);
     for (comments, [of_plain, of_filtered]) in [
-        (&["made by hand", "antialiased", "SplatRenderMode: 2dgs"][..], [Classic, Compensated]),
+        (&["made by hand", "antialiased", "SplatRenderMode: other"][..], [Classic, Compensated]),
+        (&["splatrendermode: 2DGS"], [Classic; 2]),
         (&["SplatRenderMode: mip"], [Compensated; 2]),
         (&["SplatRenderMode: default"], [Classic; 2]),
         (&["antialiased 1", "made by hand"], [Compensated; 2]),
         (&["antialiased 1", "antialiased 0"], [Classic; 2]),
     ] {
-        for (table, expected) in [(&plain, of_plain), (&filtered, of_filtered)] {
-            let file = table.file();
-            let after_format =
-                file.iter().enumerate().filter(|(_, byte)| **byte == b'\n').nth(1).unwrap().0 + 1;
-            let (start, rest) = file.split_at(after_format);
-            let lines: String = comments.iter().map(|comment| format!("comment {comment}\n")).collect();
-            let opened = splats(Folder::new().open("a.ply", [start, lines.as_bytes(), rest].concat()));
-            assert_eq!(filter(&opened), expected, "{comments:?}");
+        for (table, expected) in [(&mut plain, of_plain), (&mut filtered, of_filtered)] {
+            table.comments = comments;
+            assert_eq!(filter(&table.open()), expected, "{comments:?}");
         }
     }
 }
@@ -347,7 +350,7 @@ fn what_is_no_splat_is_left_out() {
 
 #[test]
 fn what_is_wrong_is_said() {
-    for name in PLAIN.iter().filter(|name| !name.starts_with('n')) {
+    for name in PLAIN.iter().filter(|name| !name.starts_with('n') && **name != "scale_2") {
         // Without all that tells splats from meshes it would be a mesh without faces.
         Table::plain(9).without(name).refused(&[&format!("no property {name};"), "rot_0..3"]);
     }

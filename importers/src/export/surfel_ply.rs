@@ -1,0 +1,252 @@
+//! Splats of any strength as PLY, with every number as it is; the layout is told in [`crate::ply`]'s part for surfels.
+
+use super::ExportError;
+use crate::Note;
+use crate::ply::surfels::{CENTER, COLOR, Description, FACTOR, Kernel, NORMAL, harmonic};
+use glam::Vec3;
+use oblate_engine::color::linear_to_srgb;
+use oblate_engine::{Blend, Shapes, Splats, Strength};
+use std::io::Write;
+
+/// Splats that are made bytes of at a time.
+const ROWS: usize = 4096;
+
+/// Writes splats that are to be mixed in the space `blend`, binary and little-endian.
+pub(crate) fn write(splats: &Splats, blend: Blend, out: &mut dyn Write) -> Result<Vec<Note>, ExportError> {
+    check(splats)?;
+    let per_splat = splats.harmonics.as_ref().map_or(0, |harmonics| harmonics.per_splat());
+    let (strength, amounts, opacities) = match &splats.strength {
+        Strength::Surface(surface) => {
+            let kernel = Kernel::Surface {
+                depth_tolerance: surface.depth_tolerance,
+                coverage_floor: surface.coverage_floor,
+                closed: surface.closed,
+            };
+            (kernel, &surface.areas, surface.opacities.as_ref())
+        }
+        Strength::Extinction { masses } => (Kernel::Extinction, masses, None),
+        Strength::Opacity { peaks, filter } => (Kernel::Opacity(*filter), peaks, None),
+    };
+    let description = Description {
+        strength,
+        shared: matches!(splats.shapes, Shapes::Shared(_)),
+        normals: splats.normals.is_some(),
+        blend,
+        material: splats.material,
+    };
+    writeln!(out, "ply\nformat binary_little_endian 1.0\ncomment {description}")?;
+    writeln!(out, "element vertex {}", splats.centers.len())?;
+    for name in CENTER.into_iter().chain(NORMAL) {
+        writeln!(out, "property float {name}")?;
+    }
+    writeln!(out, "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty float radius")?;
+    let opacity = opacities.map(|_| "opacity");
+    for name in FACTOR.into_iter().chain(COLOR).chain([strength.property()]).chain(opacity) {
+        writeln!(out, "property float {name}")?;
+    }
+    for name in (0..per_splat).flat_map(harmonic) {
+        writeln!(out, "property float {name}")?;
+    }
+    writeln!(out, "end_header")?;
+
+    let mut bytes = Vec::new();
+    for first in (0..splats.centers.len()).step_by(ROWS) {
+        bytes.clear();
+        for index in first..(first + ROWS).min(splats.centers.len()) {
+            let factor = splats.shapes.factor(index);
+            let normal = match &splats.normals {
+                Some(normals) => normals[index],
+                None => factor.x_axis.cross(factor.y_axis).normalize_or_zero(),
+            };
+            let color = splats.colors[index];
+            let radius = factor.to_cols_array_2d().map(|axis| Vec3::from(axis).length());
+            push(&mut bytes, &splats.centers[index].to_array());
+            push(&mut bytes, &normal.to_array());
+            bytes.extend(color.map(|linear| (linear_to_srgb(linear) * 255.0).round() as u8));
+            push(&mut bytes, &[radius.into_iter().fold(0.0, f32::max)]);
+            push(&mut bytes, &factor.to_cols_array());
+            push(&mut bytes, &color);
+            push(&mut bytes, &[amounts[index]]);
+            if let Some(opacities) = opacities {
+                push(&mut bytes, &[opacities[index]]);
+            }
+            if let Some(harmonics) = &splats.harmonics {
+                push(&mut bytes, harmonics.coefficients[index * per_splat..][..per_splat].as_flattened());
+            }
+        }
+        out.write_all(&bytes)?;
+    }
+    Ok(Vec::new())
+}
+
+fn push(bytes: &mut Vec<u8>, numbers: &[f32]) {
+    bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+}
+
+/// That there are splats, and arrays of their number.
+fn check(splats: &Splats) -> Result<(), ExportError> {
+    let count = splats.centers.len();
+    let each = |per_splat: usize, found: usize| found == count * per_splat;
+    let strength = match &splats.strength {
+        Strength::Surface(surface) => {
+            each(1, surface.areas.len()) && surface.opacities.as_ref().is_none_or(|o| each(1, o.len()))
+        }
+        Strength::Extinction { masses: amounts } | Strength::Opacity { peaks: amounts, .. } => {
+            each(1, amounts.len())
+        }
+    };
+    let shapes = match &splats.shapes {
+        Shapes::Shared(_) => true,
+        Shapes::Each(factors) => each(1, factors.len()),
+    };
+    let harmonics = splats.harmonics.as_ref().is_none_or(|h| each(h.per_splat(), h.coefficients.len()));
+    let normals = splats.normals.as_ref().is_none_or(|normals| each(1, normals.len()));
+    if count == 0 {
+        Err(ExportError::Unsuited("there are no splats to write".into()))
+    } else if !(strength && shapes && harmonics && normals && each(1, splats.colors.len())) {
+        Err(ExportError::Unsuited(format!("the arrays of the {count} splats differ in length")))
+    } else {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Content, OpenOptions, Opened};
+    use glam::Mat3;
+    use oblate_engine::{Harmonics, Material, OpacityFilter, Surface};
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+
+    fn there_and_back(splats: &Splats, blend: Blend) -> Opened {
+        let mut bytes = Vec::new();
+        assert_eq!(write(splats, blend, &mut bytes).unwrap(), []);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.ply");
+        std::fs::write(&path, bytes).unwrap();
+        crate::open(path, &OpenOptions::default()).unwrap()
+    }
+
+    fn number() -> impl Strategy<Value = f32> {
+        any::<f32>().prop_filter("finite", |number| number.is_finite())
+    }
+
+    fn positive() -> impl Strategy<Value = f32> {
+        number().prop_map(f32::abs)
+    }
+
+    fn vectors(count: usize) -> impl Strategy<Value = Vec<Vec3>> {
+        vec(prop::array::uniform3(number()).prop_map(Vec3::from_array), count)
+    }
+
+    fn strength(count: usize) -> BoxedStrategy<Strength> {
+        let shares = || vec(0.0..=1.0_f32, count);
+        let surface =
+            (vec(positive(), count), prop::option::of(shares()), positive(), 0.0..1.0_f32, any::<bool>())
+                .prop_map(|(areas, opacities, depth_tolerance, floor, closed)| {
+                    let coverage_floor = 1.0 - floor;
+                    Strength::Surface(Surface { areas, opacities, depth_tolerance, coverage_floor, closed })
+                });
+        let filter = prop_oneof![Just(OpacityFilter::Classic), Just(OpacityFilter::Compensated)];
+        prop_oneof![
+            surface,
+            vec(positive(), count).prop_map(|masses| Strength::Extinction { masses }),
+            (shares(), filter).prop_map(|(peaks, filter)| Strength::Opacity { peaks, filter }),
+        ]
+        .boxed()
+    }
+
+    fn splats() -> impl Strategy<Value = Splats> {
+        (1..6_usize, 0..4_u8).prop_flat_map(|(count, degree)| {
+            let per_splat = (usize::from(degree) + 1).pow(2) - 1;
+            let colors = |count| vec(prop::array::uniform3(number()), count);
+            let factor =
+                || prop::array::uniform9(number()).prop_map(|columns| Mat3::from_cols_array(&columns));
+            let shapes =
+                prop_oneof![factor().prop_map(Shapes::Shared), vec(factor(), count).prop_map(Shapes::Each)];
+            let material = prop::array::uniform5(positive()).prop_map(
+                |[emission, ambient, diffuse, specular, exponent]| Material {
+                    emission,
+                    ambient,
+                    diffuse,
+                    specular,
+                    exponent,
+                },
+            );
+            let normals = prop::option::of(vectors(count));
+            (
+                vectors(count),
+                shapes,
+                strength(count),
+                colors(count),
+                colors(count * per_splat),
+                normals,
+                material,
+            )
+                .prop_map(
+                    move |(centers, shapes, strength, colors, coefficients, normals, material)| Splats {
+                        centers,
+                        shapes,
+                        strength,
+                        colors,
+                        harmonics: (degree > 0).then_some(Harmonics { degree, coefficients }),
+                        normals,
+                        material,
+                    },
+                )
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn splats_come_back_as_they_were(splats in splats(), display in any::<bool>()) {
+            let blend = if display { Blend::Display } else { Blend::Linear };
+            let opened = there_and_back(&splats, blend);
+            // Debug text tells the two zeros apart, too.
+            prop_assert_eq!(format!("{:?}", opened.content), format!("{:?}", Content::Splats { splats, blend }));
+            prop_assert_eq!(opened.notes, []);
+        }
+    }
+
+    #[test]
+    fn what_other_programs_read() {
+        let splats = Splats {
+            centers: vec![Vec3::new(1.0, 2.0, 3.0)],
+            shapes: Shapes::Each(vec![Mat3::from_cols(Vec3::Y * 2.0, Vec3::Z * 0.5, Vec3::ZERO)]),
+            strength: Strength::Extinction { masses: vec![1.0] },
+            colors: vec![[0.0, 1.0, 0.214_041_14]],
+            harmonics: None,
+            normals: None,
+            material: Material::default(),
+        };
+        let mut bytes = Vec::new();
+        write(&splats, Blend::Linear, &mut bytes).unwrap();
+        let end = bytes.windows(11).position(|window| window == b"end_header\n").unwrap() + 11;
+        let floats = |at: usize, count: usize| -> Vec<f32> {
+            bytes[end + at..][..count * 4].as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
+        };
+        assert_eq!(floats(0, 6), [1.0, 2.0, 3.0, 1.0, 0.0, 0.0], "centre and normal");
+        // Linear 0.214 is the middle of sRGB: IEC 61966-2-1.
+        assert_eq!(&bytes[end + 24..end + 27], [0, 255, 128]);
+        assert_eq!(floats(27, 1), [2.0], "radius");
+        assert_eq!(bytes.len(), end + 27 + 4 * (1 + 9 + 3 + 1));
+    }
+
+    #[test]
+    fn nothing_and_uneven_arrays_are_refused() {
+        let none = Splats {
+            centers: Vec::new(),
+            shapes: Shapes::Shared(Mat3::IDENTITY),
+            strength: Strength::Extinction { masses: Vec::new() },
+            colors: Vec::new(),
+            harmonics: None,
+            normals: None,
+            material: Material::default(),
+        };
+        let message =
+            |splats: &Splats| write(splats, Blend::Linear, &mut Vec::new()).unwrap_err().to_string();
+        assert!(message(&none).contains("no splats"));
+        assert!(message(&Splats { centers: vec![Vec3::ZERO], ..none }).contains("differ in length"));
+    }
+}

@@ -1,0 +1,124 @@
+//! `oblate convert`.
+
+use crate::assemble::{asked_surfels, point_cloud, volume_clouds};
+use crate::check::Wrong;
+use crate::content::open;
+use crate::description::{FileOptions, Look};
+use crate::notation::comma_list;
+use crate::output::Output;
+use crate::progress::Console;
+use anyhow::{Context, Result, anyhow, ensure};
+use clap::Args;
+use glam::DVec3;
+use oblate::engine::{Blend, Cloud, Splats, Strength};
+use oblate::importers::export::{Target, save};
+use oblate::importers::{Content, Note};
+use std::path::PathBuf;
+
+/// Writes what a file holds in another format: splats as PLY, .splat, .spz or glTF, volumes as NRRD or VTI.
+///
+/// Meshes and point clouds become surfels; volumes become iso-surfels or kernels where --iso or --transfer asks for
+/// them. What a format has no room for is said.
+#[derive(Args)]
+pub(crate) struct ConvertArgs {
+    /// What is read: any file that render takes, but no scene file
+    #[arg(value_name = "IN")]
+    from: PathBuf,
+    /// What is written: .ply, .splat, .spz, .glb (splats), .nrrd, .vti (volumes)
+    #[arg(value_name = "OUT")]
+    to: PathBuf,
+    /// The format, where the name's ending does not tell: .ply is gaussian-ply for trained splats, surfel-ply for others
+    #[arg(long = "as", value_name = "FORMAT", value_parser = target)]
+    target: Option<Target>,
+    #[command(flatten)]
+    look: Look,
+    #[command(flatten)]
+    file: FileOptions,
+    /// Says nothing but errors
+    #[arg(long, short, help_heading = "Running")]
+    quiet: bool,
+}
+
+/// Surfels of a mesh where nothing is said of them.
+const SURFELS: usize = 500_000;
+
+fn target(name: &str) -> Result<Target, String> {
+    let found = Target::ALL.into_iter().find(|(_, of_target)| *of_target == name);
+    let names = || Target::ALL.map(|(_, name)| name).join(", ");
+    found.map(|(target, _)| target).ok_or_else(|| format!("formats are {}", names()))
+}
+
+pub(crate) fn run(args: ConvertArgs) -> Result<()> {
+    let console = Console { quiet: args.quiet };
+    args.look.check().and_then(|()| args.file.check()).map_err(Wrong::option)?;
+    // Names that tell no format and places that can't be written to are found before the work.
+    if args.target.is_none() {
+        Target::of(&args.to, false)?;
+    }
+    let output = Output::begin(&args.to)?;
+    let name = args.from.display().to_string();
+    let (opened, uses) = open(&args.from, &args.file, console)?;
+    let used = args.file.check_use(uses).and_then(|()| args.look.check_use(uses));
+    used.map_err(|wrong| wrong.option().context(name.clone()))?;
+    let mut notes = opened.notes;
+    let trained = matches!(&opened.content, Content::Splats { splats, .. } if is_trained(splats));
+    let target = args.target.map_or_else(|| Target::of(&args.to, trained), Ok)?;
+    let content = if target.holds_volumes() {
+        opened.content
+    } else {
+        splats(opened.content, &args.look, &mut notes).with_context(|| name.clone())?
+    };
+    output.finish(|file| {
+        notes.extend(save(&content, target, file)?);
+        Ok(())
+    })?;
+    for note in &notes {
+        console.say(format_args!("{name}: {note}"));
+    }
+    let count = match &content {
+        Content::Splats { splats, .. } => format!(", {} splats", splats.centers.len()),
+        _ => String::new(),
+    };
+    console.say(format_args!("wrote {} as {}{count}", args.to.display(), target.name()));
+    Ok(())
+}
+
+fn is_trained(splats: &Splats) -> bool {
+    matches!(splats.strength, Strength::Opacity { .. })
+}
+
+/// Splats of what is none yet.
+fn splats(content: Content, look: &Look, notes: &mut Vec<Note>) -> Result<Content> {
+    let cloud = match content {
+        Content::Mesh(mesh) => {
+            let asked = look.surfels.is_some() || look.surfel_spacing.is_some();
+            let look = if asked { look.clone() } else { Look { surfels: Some(SURFELS), ..look.clone() } };
+            asked_surfels(&mesh, &look)?
+        }
+        Content::Volume(volume) => {
+            ensure!(
+                look.iso.is_some() || look.transfer.is_some(),
+                "a volume is written as .nrrd or .vti; as splats with --iso or --transfer"
+            );
+            let clouds: [Cloud; 1] =
+                volume_clouds(&volume, look)?.try_into().map_err(|clouds: Vec<Cloud>| {
+                    anyhow!(
+                        "{} sets of splats are asked for, one goes into a file: give one --iso or --transfer",
+                        clouds.len()
+                    )
+                })?;
+            let [cloud] = clouds;
+            cloud
+        }
+        Content::Points(points) => point_cloud(&points, look)?,
+        splats => return Ok(splats),
+    };
+    ensure!(!cloud.is_empty(), "there is nothing visible in it");
+    let place = cloud.cloud_to_world().translation;
+    if place != DVec3::ZERO {
+        // Single precision has no room for places on a map.
+        let text = format!("the place {} that centres are relative to", comma_list(&place.to_array()));
+        notes.push(Note::LeftOut(text));
+    }
+    Ok(Content::Splats { splats: cloud.splats(), blend: Blend::Linear })
+}

@@ -1,0 +1,117 @@
+//! Colours of points.
+
+use super::{PointCloud, PointColor, PointError, PointSettings};
+use glam::Vec3;
+use oblate_engine::color::srgb_to_linear;
+use rayon::prelude::*;
+
+/// Shares of the values that are below and above what colours tell apart: strays, like birds and mirrors.
+const STRAYS: f64 = 0.01;
+
+/// *viridis* at even steps, display-encoded (Smith, van der Walt, 2015; released to the public domain).
+const VIRIDIS: [[u8; 3]; 9] = [
+    [68, 1, 84],
+    [71, 44, 122],
+    [59, 81, 139],
+    [44, 113, 142],
+    [33, 144, 141],
+    [39, 173, 129],
+    [92, 200, 99],
+    [170, 220, 50],
+    [253, 231, 37],
+];
+
+/// Linear colours, one for each point.
+pub(crate) fn colors(points: &PointCloud, settings: &PointSettings) -> Result<Vec<[f32; 3]>, PointError> {
+    let varied = |values: &Vec<f32>| values.iter().any(|value| *value != values[0]);
+    let by = match settings.color {
+        PointColor::Auto if points.colors.iter().flatten().any(|color| *color != [0.0; 3]) => PointColor::Rgb,
+        PointColor::Auto if points.intensities.as_ref().is_some_and(varied) => PointColor::Intensity,
+        PointColor::Auto => PointColor::Height,
+        asked => asked,
+    };
+    match by {
+        PointColor::Rgb => points.colors.clone().ok_or(PointError::Color("colours")),
+        PointColor::Intensity => {
+            let intensities = points.intensities.as_ref().ok_or(PointError::Color("intensities"))?;
+            Ok(mapped(intensities, |share| [share; 3]))
+        }
+        PointColor::Height | PointColor::Auto => {
+            let up = settings.up.as_dvec3().normalize();
+            let height = |position: &Vec3| position.as_dvec3().dot(up) as f32;
+            Ok(mapped(&points.positions.par_iter().map(height).collect::<Vec<f32>>(), viridis))
+        }
+    }
+}
+
+/// Each value's colour by its place between the strays, given display-encoded.
+fn mapped(values: &[f32], encoded: impl Fn(f32) -> [f32; 3] + Sync) -> Vec<[f32; 3]> {
+    let mut sorted = values.to_vec();
+    sorted.par_sort_unstable_by(f32::total_cmp);
+    let at = |share: f64| f64::from(sorted[(share * (sorted.len() - 1) as f64).round() as usize]);
+    let (low, high) = (at(STRAYS), at(1.0 - STRAYS));
+    let share = |value: f32| {
+        // All are one value: the middle.
+        if high > low { ((f64::from(value) - low) / (high - low)).clamp(0.0, 1.0) } else { 0.5 }
+    };
+    values.par_iter().map(|&value| encoded(share(value) as f32).map(srgb_to_linear)).collect()
+}
+
+fn viridis(share: f32) -> [f32; 3] {
+    let place = share * (VIRIDIS.len() - 1) as f32;
+    let before = (place as usize).min(VIRIDIS.len() - 2);
+    let [a, b] = [VIRIDIS[before], VIRIDIS[before + 1]].map(|color| Vec3::from(color.map(f32::from)));
+    (a.lerp(b, place - before as f32) / 255.0).to_array()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn points() -> PointCloud {
+        let positions = (0..101).map(|i| Vec3::new(0.0, 0.1 * i as f32, 5.0)).collect();
+        PointCloud { positions, ..PointCloud::default() }
+    }
+
+    fn by(color: PointColor) -> PointSettings {
+        PointSettings { color, up: Vec3::Y, ..PointSettings::default() }
+    }
+
+    #[test]
+    fn intensities_are_grey_without_strays() {
+        // The 1st and 99th percentile of 0, 1, …, 99, 10⁶ are 1 and 99.
+        let intensities = (0..101).map(|i| if i == 100 { 1e6 } else { i as f32 }).collect();
+        let points = PointCloud { intensities: Some(intensities), ..points() };
+        let found = colors(&points, &by(PointColor::Intensity)).unwrap();
+        assert_eq!((found[0], found[1], found[99], found[100]), ([0.0; 3], [0.0; 3], [1.0; 3], [1.0; 3]));
+        // Halfway is display-encoded ½, which is 0.2140 in linear light.
+        assert!((found[50][0] - 0.214_041).abs() < 1e-5, "{:?}", found[50]);
+        assert_eq!(colors(&points, &by(PointColor::Auto)).unwrap(), found);
+    }
+
+    #[test]
+    fn heights_go_through_viridis() {
+        let found = colors(&points(), &by(PointColor::Height)).unwrap();
+        let expected = |color: [u8; 3]| color.map(|c| srgb_to_linear(f32::from(c) / 255.0));
+        let near = |a: [f32; 3], b: [f32; 3]| Vec3::from(a).abs_diff_eq(Vec3::from(b), 1e-4);
+        assert!(near(found[0], expected(VIRIDIS[0])) && near(found[100], expected(VIRIDIS[8])));
+        assert!(near(found[50], expected(VIRIDIS[4])), "{:?}", found[50]);
+        // No height differs from the others along x.
+        let flat = PointSettings { up: Vec3::X, ..by(PointColor::Height) };
+        assert!(near(colors(&points(), &flat).unwrap()[0], expected(VIRIDIS[4])));
+    }
+
+    #[test]
+    fn what_says_nothing_is_passed_over() {
+        let height = colors(&points(), &by(PointColor::Auto)).unwrap();
+        let blank =
+            PointCloud { colors: Some(vec![[0.0; 3]; 101]), intensities: Some(vec![7.0; 101]), ..points() };
+        assert_eq!(colors(&blank, &by(PointColor::Auto)).unwrap(), height);
+        assert_eq!(colors(&blank, &by(PointColor::Rgb)).unwrap(), vec![[0.0; 3]; 101]);
+        let red = PointCloud { colors: Some(vec![[1.0, 0.0, 0.0]; 101]), ..blank };
+        assert_eq!(colors(&red, &by(PointColor::Auto)).unwrap(), vec![[1.0, 0.0, 0.0]; 101]);
+        for (color, missing) in [(PointColor::Rgb, "colours"), (PointColor::Intensity, "intensities")] {
+            assert_eq!(colors(&points(), &by(color)), Err(PointError::Color(missing)));
+        }
+    }
+}
