@@ -15,7 +15,7 @@ use crate::file::File;
 use crate::inflate;
 use crate::scalar::Scalar;
 use crate::volumes::frame;
-use crate::volumes::voxels::Layout;
+use crate::volumes::voxels::{Layout, Samples};
 use crate::{Content, Endian, ImportError, Note, OpenOptions, Opened, Place};
 use glam::{DMat3, DVec3};
 use oblate_volumes::GridFrame;
@@ -34,6 +34,13 @@ struct Header<'a> {
     body: usize,
 }
 
+/// Whether a file that begins with `bytes` is a MetaImage: its header has no fixed beginning, but only these are usual.
+pub(crate) fn begins(bytes: &[u8]) -> bool {
+    let head = &bytes[..bytes.len().min(1024)];
+    ["ObjectType", "NDims", "Comment"].iter().any(|field| head.starts_with(field.as_bytes()))
+        && head.windows(5).any(|word| word == b"NDims")
+}
+
 /// Reads a volume.
 pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportError> {
     let header = Header::parse(file)?;
@@ -44,12 +51,12 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportE
     let frame = header.frame()?;
     header.intensities(&mut notes)?;
     let expected = layout.bytes(file)?;
-    let bytes = if header.is_text()? {
-        Cow::Owned(header.text(&layout)?)
+    let samples = if header.is_text()? {
+        Samples::Text(header.text()?)
     } else {
-        header.binary(expected, options.max_memory, &mut notes)?
+        Samples::Binary(header.binary(expected, options.max_memory, &mut notes)?)
     };
-    let volume = layout.volume(file, &bytes, frame, options)?;
+    let volume = layout.placed(file, layout.voxels(file, &samples)?, frame, options)?;
     Ok(Opened::noting(Content::Volume(volume), notes))
 }
 
@@ -194,7 +201,7 @@ impl<'a> Header<'a> {
         Ok(self.flag(&["BinaryData"])? == Some(false))
     }
 
-    /// The order of the samples' bytes; text comes as little-endian bytes.
+    /// The order of the samples' bytes; text has none.
     fn endian(&self, scalar: Scalar, notes: &mut Vec<Note>) -> Result<Endian, ImportError> {
         let stated = self.flag(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"])?;
         if self.is_text()? {
@@ -239,15 +246,12 @@ impl<'a> Header<'a> {
         Ok(())
     }
 
-    /// The samples that are written as text, as little-endian bytes.
-    fn text(&self, layout: &Layout) -> Result<Vec<u8>, ImportError> {
+    /// The samples that are written as text.
+    fn text(&self) -> Result<Cow<'a, [u8]>, ImportError> {
         let (place, name) = self.required("ElementDataFile")?;
         match Source::of(name) {
-            Source::Local => layout.bytes_from_text(self.file, &self.file.bytes[self.body..]),
-            Source::File => {
-                let data = self.file.read_named(place, name)?;
-                layout.bytes_from_text(&data, &data.bytes)
-            }
+            Source::Local => Ok(Cow::Borrowed(&self.file.bytes[self.body..])),
+            Source::File => Ok(Cow::Owned(self.file.read_named(place, name)?.bytes)),
             _ => Err(self.file.unsupported(
                 place,
                 format!("ElementDataFile {name:?} with text samples; one file is supported"),
@@ -271,12 +275,13 @@ impl<'a> Header<'a> {
             }
             Source::List => {
                 let mut bytes = Vec::new();
-                let (count, names) = self.list(name)?;
+                let names = self.list(name)?;
                 // One file may be named for every slice: the files' size is no bound.
                 inflate::within(expected, limit).map_err(|problem| self.file.malformed(place, problem))?;
+                let per_file = expected / names.len();
                 for (line, name) in names {
                     let data = self.file.read_named(Place::Line(line), name)?;
-                    bytes.extend_from_slice(&self.part(&data, 0, (expected / count, limit), notes)?);
+                    bytes.extend_from_slice(&self.part(&data, 0, (per_file, limit), notes)?);
                 }
                 Ok(Cow::Owned(bytes))
             }
@@ -287,8 +292,8 @@ impl<'a> Header<'a> {
         }
     }
 
-    /// How many files a list has, and their names with their lines.
-    fn list(&self, name: &str) -> Result<(usize, Vec<(usize, &'a str)>), ImportError> {
+    /// The names of a list's files, as many as are needed, with their lines.
+    fn list(&self, name: &str) -> Result<Vec<(usize, &'a str)>, ImportError> {
         let place = self.place("ElementDataFile");
         let sizes = self.sizes()?;
         let axes_per_file = match name.split_whitespace().nth(1) {
@@ -299,18 +304,19 @@ impl<'a> Header<'a> {
             let problem = format!("ElementDataFile {name:?}: a file must have 1 to {} axes", sizes.len() - 1);
             return Err(self.file.malformed(place, problem));
         }
+        // Not 0 and no overflow: the bytes of all samples are a number above 0.
         let count = sizes[axes_per_file..].iter().product();
         let Ok(text) = str::from_utf8(&self.file.bytes[self.body..]) else {
             return Err(self.file.malformed(place, "the list of files must be text"));
         };
-        let Place::Line(line) = place else { return Ok((count, Vec::new())) };
-        let lines = text.lines().enumerate().map(|(i, name)| (line + 1 + i, name.trim()));
+        let first = 1 + self.file.bytes[..self.body].iter().filter(|&&b| b == b'\n').count();
+        let lines = text.lines().enumerate().map(|(i, name)| (first + i, name.trim()));
         let names: Vec<_> = lines.filter(|(_, name)| !name.is_empty()).take(count).collect();
         if names.len() < count {
             let problem = format!("the list names {} files; DimSize needs {count}", names.len());
             return Err(self.file.malformed(place, problem));
         }
-        Ok((count, names))
+        Ok(names)
     }
 
     /// `expected` bytes of samples from one file, in which they begin at `start` if `HeaderSize` does not tell.

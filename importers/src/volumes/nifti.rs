@@ -16,14 +16,14 @@ use crate::file::File;
 use crate::inflate;
 use crate::scalar::Scalar;
 use crate::volumes::frame;
-use crate::volumes::voxels::Layout;
+use crate::volumes::voxels::{Layout, Samples};
 use crate::{Content, Endian, ImportError, Note, OpenOptions, Opened, Place};
 use glam::{DMat3, DQuat, DVec3};
 use oblate_volumes::GridFrame;
 use std::borrow::Cow;
 
 /// Bytes of a NIfTI-2 header, the longer one.
-pub(crate) const HEADER: usize = 540;
+const HEADER: usize = 540;
 
 /// A field of the header: where it begins and its number type, in NIfTI-1 and in NIfTI-2.
 type Field = [(usize, Scalar); 2];
@@ -63,18 +63,23 @@ fn magic(bytes: &[u8]) -> Option<(usize, bool)> {
     }
 }
 
-/// Whether a file that begins with `bytes` is NIfTI.
+/// Whether a file that begins with `bytes` is NIfTI, as it stands or under gzip.
 pub(crate) fn begins(bytes: &[u8]) -> bool {
-    magic(bytes).is_some()
+    magic(&head(bytes)).is_some()
+}
+
+/// A file's first bytes, unpacked, up to the length of a header.
+fn head(bytes: &[u8]) -> Vec<u8> {
+    if bytes.starts_with(&inflate::GZIP) {
+        inflate::gzip_beginning(bytes, HEADER)
+    } else {
+        bytes[..bytes.len().min(HEADER)].to_vec()
+    }
 }
 
 /// Reads a volume.
 pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportError> {
-    let head = if file.bytes.starts_with(&inflate::GZIP) {
-        inflate::gzip_beginning(&file.bytes, HEADER)
-    } else {
-        file.bytes[..file.bytes.len().min(HEADER)].to_vec()
-    };
+    let head = head(&file.bytes);
     let header = Header::new(file, &head)?;
     let mut notes = Vec::new();
     let (dims, frames) = header.dims()?;
@@ -98,7 +103,7 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportE
     let samples = &bytes[start..start + frame_bytes];
     let voxels = match scale {
         Some(scale) => layout.scaled_voxels(file, samples, scale)?,
-        None => layout.voxels(file, samples)?,
+        None => layout.voxels(file, &Samples::Binary(Cow::Borrowed(samples)))?,
     };
     let volume = layout.placed(file, voxels, frame, options)?;
     Ok(Opened::noting(Content::Volume(volume), notes))
@@ -288,7 +293,7 @@ impl<'a> Header<'a> {
         let imaginary = self.vector(QUATERN, 0);
         let squared = imaginary.length_squared();
         // A few ulps of f32 above 1 is a half turn, rounded.
-        if !(squared <= 1.0 + 1e-5) {
+        if squared.is_nan() || squared > 1.0 + 1e-5 {
             let problem = format!("quatern_b, c, d are {imaginary}: no part of a unit quaternion");
             return Err(self.malformed(QUATERN, problem));
         }

@@ -10,10 +10,10 @@ use crate::file::{File, quoted};
 use crate::inflate;
 use crate::scalar::Scalar;
 use crate::volumes::frame;
-use crate::volumes::voxels::Layout;
+use crate::volumes::voxels::{Layout, Samples};
 use crate::{ImportError, OpenOptions, Place};
 use glam::{DMat3, DVec3};
-use oblate_volumes::{GridFrame, Volume};
+use oblate_volumes::{GridFrame, Volume, Voxels};
 use std::borrow::Cow;
 use std::collections::HashMap;
 
@@ -32,8 +32,8 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportE
     let dims = axes.map(|axis| sizes[axis]);
     let layout = Layout { dims, scalar: scalar(file, &header)?, endian: endian(file, &header)? };
     let frame = grid_frame(file, &header, axes, dims)?;
-    let bytes = samples(file, &header, &layout, options.max_memory)?;
-    layout.volume(file, &bytes, frame, options)
+    let voxels = voxels(file, &header, &layout, options.max_memory)?;
+    layout.placed(file, voxels, frame, options)
 }
 
 impl Header {
@@ -226,6 +226,7 @@ fn grid_frame(
         };
         let edges = DMat3::from_cols(x, y, z);
         return Ok(frame::of_edges(frame.origin, edges));
+        return Ok(frame::of_edges(frame.origin, DMat3::from_cols(x, y, z)));
     }
     let cell_centred = matches!(header.get(&["centers", "centerings"]), Some((_, c)) if c.contains("cell"));
     let mins = header.per_axis(file, "axismins", count)?;
@@ -253,8 +254,8 @@ fn pick(vectors: &[Option<DVec3>], axes: [usize; 3], count: usize) -> Option<[DV
     if vectors.len() == count { Some([x?, y?, z?]) } else { None }
 }
 
-/// The bytes of the samples, from this file or the one that it names.
-fn samples(file: &File, header: &Header, layout: &Layout, limit: u64) -> Result<Vec<u8>, ImportError> {
+/// The samples, from this file or the one that it names.
+fn voxels(file: &File, header: &Header, layout: &Layout, limit: u64) -> Result<Voxels, ImportError> {
     let expected = layout.bytes(file)?;
     let detached = match header.get(&["datafile"]) {
         Some((place, name)) if name.starts_with("LIST") || name.contains('%') => {
@@ -272,14 +273,14 @@ fn samples(file: &File, header: &Header, layout: &Layout, limit: u64) -> Result<
     };
     let (place, encoding) = header.required(file, "encoding")?;
     let body = skip_lines(file, header, body)?;
-    match encoding.to_ascii_lowercase().as_str() {
+    let samples = match encoding.to_ascii_lowercase().as_str() {
         "raw" => {
             let body = skip_bytes(file, header, Cow::Borrowed(body), expected)?;
             if body.len() != expected {
                 let problem = format!("{} bytes of samples; sizes and type need {expected}", body.len());
                 return Err(source.malformed(Place::Whole, problem));
             }
-            Ok(body.into_owned())
+            Samples::Binary(body)
         }
         "gzip" | "gz" => {
             // Bytes are skipped after decompression.
@@ -287,23 +288,15 @@ fn samples(file: &File, header: &Header, layout: &Layout, limit: u64) -> Result<
             let total = expected.saturating_add(skipped);
             let bytes = inflate::within(total, limit).and_then(|()| inflate::gunzip(body, total));
             let bytes = bytes.map_err(|problem| source.malformed(Place::Whole, problem))?;
-            Ok(skip_bytes(file, header, Cow::Owned(bytes), expected)?.into_owned())
+            Samples::Binary(skip_bytes(file, header, Cow::Owned(bytes), expected)?)
         }
-        "ascii" | "text" | "txt" => {
-            let body = skip_bytes(file, header, Cow::Borrowed(body), expected)?;
-            let text = layout.bytes_from_text(source, &body)?;
-            // Text is read as little-endian; the volume's bytes are in the header's order.
-            Ok(if layout.endian == Endian::Big { reversed(text, layout.scalar.size()) } else { text })
-        }
+        "ascii" | "text" | "txt" => Samples::Text(skip_bytes(file, header, Cow::Borrowed(body), expected)?),
         _ => {
-            Err(file.unsupported(place, format!("encoding {encoding:?}; raw, gzip and ascii are supported")))
+            let feature = format!("encoding {encoding:?}; raw, gzip and ascii are supported");
+            return Err(file.unsupported(place, feature));
         }
-    }
-}
-
-fn reversed(mut bytes: Vec<u8>, size: usize) -> Vec<u8> {
-    bytes.chunks_mut(size).for_each(<[u8]>::reverse);
-    bytes
+    };
+    layout.voxels(source, &samples)
 }
 
 fn skip_lines<'a>(file: &File, header: &Header, mut body: &'a [u8]) -> Result<&'a [u8], ImportError> {

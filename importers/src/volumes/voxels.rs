@@ -5,6 +5,15 @@ use crate::file::{File, quoted};
 use crate::scalar::{Scalar, numbers};
 use crate::{ImportError, OpenOptions, Place};
 use oblate_volumes::{GridFrame, Volume, Voxels};
+use std::borrow::Cow;
+
+/// Samples as a file has them.
+pub(crate) enum Samples<'a> {
+    /// Numbers between white space or commas.
+    Text(Cow<'a, [u8]>),
+    /// Numbers of the layout's type and byte order, of the length that [`Layout::bytes`] gives.
+    Binary(Cow<'a, [u8]>),
+}
 
 /// How samples lie in bytes.
 #[derive(Clone, Copy, Debug)]
@@ -28,13 +37,29 @@ impl Layout {
 
     /// Numbers written as text, separated by white space or commas, as little-endian bytes.
     pub(crate) fn bytes_from_text(&self, file: &File, text: &[u8]) -> Result<Vec<u8>, ImportError> {
+        let mut bytes = Vec::new();
+        self.parts_of_text(file, text, |_, part| {
+            bytes.extend_from_slice(part);
+            Ok(())
+        })?;
+        Ok(bytes)
+    }
+
+    /// The same in parts, with the index of each part's first number: bytes of all may be more than the text has.
+    fn parts_of_text(
+        &self,
+        file: &File,
+        text: &[u8],
+        mut part: impl FnMut(usize, &[u8]) -> Result<(), ImportError>,
+    ) -> Result<(), ImportError> {
+        const PART: usize = 4096;
         let expected = self.bytes(file)? / self.scalar.size();
         if expected > text.len() / 2 + 1 {
             let problem = format!("{} bytes of text cannot write {expected} numbers", text.len());
             return Err(file.malformed(Place::Whole, problem));
         }
         let tokens = text.split(|b| b.is_ascii_whitespace() || *b == b',').filter(|token| !token.is_empty());
-        let mut bytes = Vec::with_capacity(expected * self.scalar.size());
+        let mut bytes = Vec::with_capacity(PART * self.scalar.size());
         let mut found = 0;
         for token in tokens {
             let token = String::from_utf8_lossy(token);
@@ -47,6 +72,10 @@ impl Layout {
             if found > expected {
                 break;
             }
+            if found % PART == 0 {
+                part(found - PART, &bytes)?;
+                bytes.clear();
+            }
         }
         if found != expected {
             let count = if found > expected { "more".into() } else { format!("only {found}") };
@@ -54,7 +83,7 @@ impl Layout {
                 file.malformed(Place::Whole, format!("dims need {expected} numbers; there are {count}"))
             );
         }
-        Ok(bytes)
+        part(found - found % PART, &bytes)
     }
 
     /// The volume whose samples are `bytes`, of the length that [`Layout::bytes`] gives.
@@ -65,7 +94,8 @@ impl Layout {
         frame: GridFrame,
         options: &OpenOptions,
     ) -> Result<Volume, ImportError> {
-        self.placed(file, self.voxels(file, bytes)?, frame, options)
+        let voxels = self.voxels(file, &Samples::Binary(Cow::Borrowed(bytes)))?;
+        self.placed(file, voxels, frame, options)
     }
 
     /// The volume of these samples.
@@ -81,22 +111,52 @@ impl Layout {
             .map_err(|source| ImportError::Volume { path: file.path.clone(), source })
     }
 
-    /// The samples in `bytes`, in their own type where voxels have it.
-    pub(crate) fn voxels(&self, file: &File, bytes: &[u8]) -> Result<Voxels, ImportError> {
+    /// The samples, in their own type where voxels have it.
+    pub(crate) fn voxels(&self, file: &File, samples: &Samples<'_>) -> Result<Voxels, ImportError> {
+        match samples {
+            Samples::Binary(bytes) => self.converted(bytes).map_err(|unequalled| unequalled.error(file, 0)),
+            Samples::Text(text) => {
+                let mut voxels = None;
+                let little = Self { endian: Endian::Little, ..*self };
+                self.parts_of_text(file, text, |first, bytes| {
+                    let part = little.converted(bytes).map_err(|unequalled| unequalled.error(file, first))?;
+                    append(&mut voxels, part);
+                    Ok(())
+                })?;
+                Ok(voxels.unwrap_or(Voxels::U8(Vec::new())))
+            }
+        }
+    }
+
+    fn converted(&self, bytes: &[u8]) -> Result<Voxels, Unequalled> {
         let endian = self.endian;
-        let voxels = match self.scalar {
-            Scalar::U8 => Ok(Voxels::U8(bytes.to_vec())),
-            Scalar::I8 => Ok(Voxels::I16(numbers(bytes, endian, i8::from_le_bytes).map(i16::from).collect())),
-            Scalar::U16 => Ok(Voxels::U16(numbers(bytes, endian, u16::from_le_bytes).collect())),
-            Scalar::I16 => Ok(Voxels::I16(numbers(bytes, endian, i16::from_le_bytes).collect())),
-            Scalar::F32 => Ok(Voxels::F32(numbers(bytes, endian, f32::from_le_bytes).collect())),
-            Scalar::I32 => exact(numbers(bytes, endian, i32::from_le_bytes).map(i128::from)),
-            Scalar::U32 => exact(numbers(bytes, endian, u32::from_le_bytes).map(i128::from)),
-            Scalar::I64 => exact(numbers(bytes, endian, i64::from_le_bytes).map(i128::from)),
-            Scalar::U64 => exact(numbers(bytes, endian, u64::from_le_bytes).map(i128::from)),
-            Scalar::F64 => rounded(numbers(bytes, endian, f64::from_le_bytes), |value| value),
-        };
-        voxels.map_err(|unequalled| unequalled.error(file))
+        Ok(match self.scalar {
+            Scalar::U8 => Voxels::U8(bytes.to_vec()),
+            Scalar::I8 => Voxels::I16(numbers(bytes, endian, i8::from_le_bytes).map(i16::from).collect()),
+            Scalar::U16 => Voxels::U16(numbers(bytes, endian, u16::from_le_bytes).collect()),
+            Scalar::I16 => Voxels::I16(numbers(bytes, endian, i16::from_le_bytes).collect()),
+            Scalar::F32 => Voxels::F32(numbers(bytes, endian, f32::from_le_bytes).collect()),
+            Scalar::I32 => exact(numbers(bytes, endian, i32::from_le_bytes).map(i128::from))?,
+            Scalar::U32 => exact(numbers(bytes, endian, u32::from_le_bytes).map(i128::from))?,
+            Scalar::I64 => exact(numbers(bytes, endian, i64::from_le_bytes).map(i128::from))?,
+            Scalar::U64 => exact(numbers(bytes, endian, u64::from_le_bytes).map(i128::from))?,
+            Scalar::F64 => rounded(numbers(bytes, endian, f64::from_le_bytes), |value| value)?,
+        })
+    }
+
+    /// The samples as they are, for numbers that become no voxels; 64-bit integers are rounded.
+    pub(crate) fn numbers(&self, file: &File, samples: &Samples<'_>) -> Result<Vec<f64>, ImportError> {
+        match samples {
+            Samples::Binary(bytes) => Ok(self.scalar.all(bytes, self.endian).collect()),
+            Samples::Text(text) => {
+                let mut numbers = Vec::new();
+                self.parts_of_text(file, text, |_, bytes| {
+                    numbers.extend(self.scalar.all(bytes, Endian::Little));
+                    Ok(())
+                })?;
+                Ok(numbers)
+            }
+        }
     }
 
     /// The samples slope · stored + intercept, computed in f64 and rounded to f32.
@@ -107,7 +167,18 @@ impl Layout {
         (slope, intercept): (f64, f64),
     ) -> Result<Voxels, ImportError> {
         rounded(self.scalar.all(bytes, self.endian), |stored| slope * stored + intercept)
-            .map_err(|unequalled| unequalled.error(file))
+            .map_err(|unequalled| unequalled.error(file, 0))
+    }
+}
+
+/// Puts voxels behind others of the same type.
+fn append(voxels: &mut Option<Voxels>, mut part: Voxels) {
+    match (voxels, &mut part) {
+        (Some(Voxels::U8(all)), Voxels::U8(part)) => all.append(part),
+        (Some(Voxels::U16(all)), Voxels::U16(part)) => all.append(part),
+        (Some(Voxels::I16(all)), Voxels::I16(part)) => all.append(part),
+        (Some(Voxels::F32(all)), Voxels::F32(part)) => all.append(part),
+        (voxels, _) => *voxels = Some(part),
     }
 }
 
@@ -115,8 +186,10 @@ impl Layout {
 struct Unequalled(usize, String);
 
 impl Unequalled {
-    fn error(self, file: &File) -> ImportError {
+    /// What is said of it where the first of these samples is number `first` of the file's.
+    fn error(self, file: &File, first: usize) -> ImportError {
         let Self(index, value) = self;
+        let index = first + index;
         let problem = format!("{value} has no equal among 32-bit floating-point numbers; rescale the data");
         file.malformed(Place::Part(format!("sample {index}")), problem)
     }

@@ -164,7 +164,8 @@ fn rectilinear_grids_with_unequal_steps_are_refused() {
     refuse(["0 1 2 3", "0 1 1", "0 1"], &["y coordinates", "1 follows 1"]);
     refuse(["0 1 2 3", "0 1 2", "3 3"], &["z coordinates", "rise or fall"]);
     refuse(["0 1 inf 3", "0 1 2", "0 1"], &["x coordinates", "coordinate 2 is inf"]);
-    refuse(["0 1 2", "0 1 2", "0 1"], &["only 3"]);
+    refuse(["0 1 2", "0 1 2", "0 1"], &["5 bytes of text cannot write 4 numbers"]);
+    refuse(["0 1    2", "0 1 2", "0 1"], &["only 3"]);
     // Within 1e-4 of a step.
     assert_corner_marked(&folder.volume("a.vtr", xml(["0 1 2 3", "0 1 2.0001", "0 1"])));
     let two = xml(["0 1 2 3", "0 1 2", "0 1"]).replacen("<Coordinates><DataArray", "<Coordinates><Other", 1);

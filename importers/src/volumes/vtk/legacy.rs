@@ -9,10 +9,11 @@
 use super::grid::{Coordinates, PointGrid};
 use crate::file::{File, quoted};
 use crate::scalar::Scalar;
-use crate::volumes::voxels::Layout;
+use crate::volumes::voxels::{Layout, Samples};
 use crate::{Endian, ImportError, OpenOptions, Place};
 use glam::{DMat3, DVec3};
 use oblate_volumes::Volume;
+use std::borrow::Cow;
 use std::ops::Range;
 use std::str::FromStr;
 
@@ -47,14 +48,14 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportE
         return Err(file.malformed(Place::Whole, "no SCALARS or FIELD array of one component"));
     };
     let dims = grid.dims(on_cells).map_err(|problem| file.malformed(Place::Whole, problem))?;
-    let layout = Layout { dims, scalar: array.scalar, endian: reader.endian() };
+    let layout = Layout { dims, scalar: array.scalar, endian: Endian::Big };
     if dims.iter().try_fold(1_usize, |product, &dim| product.checked_mul(dim)) != Some(array.tuples) {
         let [x, y, z] = dims;
         let problem = format!("an array of {} numbers; {x}x{y}x{z} are expected", array.tuples);
         return Err(file.malformed(reader.place(array.numbers.start), problem));
     }
-    let bytes = reader.bytes(&array)?;
-    layout.volume(file, &bytes, grid.frame(on_cells), options)
+    let voxels = layout.voxels(file, &reader.samples(&array))?;
+    layout.placed(file, voxels, grid.frame(on_cells), options)
 }
 
 impl<'a> Reader<'a> {
@@ -77,11 +78,6 @@ impl<'a> Reader<'a> {
 
     fn unsupported(&self, feature: impl Into<String>) -> ImportError {
         self.file.unsupported(self.place(self.at), feature)
-    }
-
-    /// The order of the bytes that [`Reader::bytes`] gives.
-    fn endian(&self) -> Endian {
-        if self.is_text { Endian::Little } else { Endian::Big }
     }
 
     /// What is left of the line, without its end.
@@ -200,9 +196,9 @@ impl<'a> Reader<'a> {
         let tuples = self.number("a number of coordinates")?;
         let kind = self.scalar()?;
         let array = self.array(kind, 1, tuples)?;
-        let bytes = self.bytes(&array)?;
-        let values = array.scalar.all(&bytes, self.endian()).collect();
-        Ok(Coordinates { values, rounding: array.scalar.rounding() })
+        let layout = Layout { dims: [tuples, 1, 1], scalar: kind, endian: Endian::Big };
+        let values = layout.numbers(self.file, &self.samples(&array))?;
+        Ok(Coordinates { values, rounding: kind.rounding() })
     }
 
     /// The first array of one component, and whether its values belong to cells.
@@ -363,13 +359,9 @@ impl<'a> Reader<'a> {
         })
     }
 
-    /// An array's numbers: as they stand in the file, or little-endian for those that are written as text.
-    fn bytes(&self, array: &Array) -> Result<Vec<u8>, ImportError> {
-        let bytes = &self.file.bytes[array.numbers.clone()];
-        if !self.is_text {
-            return Ok(bytes.to_vec());
-        }
-        let layout = Layout { dims: [array.tuples, 1, 1], scalar: array.scalar, endian: Endian::Little };
-        layout.bytes_from_text(self.file, bytes)
+    /// An array's numbers.
+    fn samples(&self, array: &Array) -> Samples<'a> {
+        let bytes = Cow::Borrowed(&self.file.bytes[array.numbers.clone()]);
+        if self.is_text { Samples::Text(bytes) } else { Samples::Binary(bytes) }
     }
 }

@@ -11,11 +11,12 @@ use super::grid::{Coordinates, PointGrid};
 use crate::file::File;
 use crate::inflate;
 use crate::scalar::Scalar;
-use crate::volumes::voxels::Layout;
+use crate::volumes::voxels::{Layout, Samples};
 use crate::{Endian, ImportError, OpenOptions, Place};
 use glam::{DMat3, DVec3};
 use oblate_volumes::Volume;
 use roxmltree::{Document, Node};
+use std::borrow::Cow;
 
 /// What all arrays of a file share.
 struct Arrays<'a> {
@@ -57,8 +58,8 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportE
     let (array, on_cells) = scalars(file, piece)?;
     let dims = grid.dims(on_cells).map_err(|problem| file.malformed(place(dataset), problem))?;
     let layout = Layout { dims, scalar: scalar(file, array)?, endian: arrays.endian };
-    let bytes = arrays.samples(array, &layout)?;
-    layout.volume(file, &bytes, grid.frame(on_cells), options)
+    let voxels = layout.voxels(file, &arrays.samples(array, &layout)?)?;
+    layout.placed(file, voxels, grid.frame(on_cells), options)
 }
 
 fn place(node: Node<'_, '_>) -> Place {
@@ -227,22 +228,16 @@ impl Arrays<'_> {
         }
         let scalar = scalar(self.file, array)?;
         let layout = Layout { dims: [points, 1, 1], scalar, endian: self.endian };
-        let bytes = self.samples(array, &layout)?;
-        Ok(Coordinates { values: scalar.all(&bytes, self.endian).collect(), rounding: scalar.rounding() })
+        let values = layout.numbers(self.file, &self.samples(array, &layout)?)?;
+        Ok(Coordinates { values, rounding: scalar.rounding() })
     }
 
-    /// An array's bytes in the file's byte order.
-    fn samples(&self, array: Node<'_, '_>, layout: &Layout) -> Result<Vec<u8>, ImportError> {
+    /// An array's numbers.
+    fn samples<'a>(&self, array: Node<'a, '_>, layout: &Layout) -> Result<Samples<'a>, ImportError> {
         let file = self.file;
         let text = || array.children().filter_map(|node| node.text()).collect::<String>();
         let stream = match array.attribute("format") {
-            Some("ascii") | None => {
-                let mut bytes = layout.bytes_from_text(file, text().as_bytes())?;
-                if layout.endian == Endian::Big {
-                    bytes.chunks_mut(layout.scalar.size()).for_each(<[u8]>::reverse);
-                }
-                return Ok(bytes);
-            }
+            Some("ascii") | None => return Ok(Samples::Text(Cow::Owned(text().into_bytes()))),
             Some("binary") => Stream::from_base64(text().as_bytes()),
             Some("appended") => {
                 let [offset] = numbers(file, array, "offset", None)?;
@@ -277,6 +272,7 @@ impl Arrays<'_> {
                 return Err(file.unsupported(place(root), feature));
             }
         };
-        bytes.map_err(|problem| file.malformed(place(array), problem))
+        let bytes = bytes.map_err(|problem| file.malformed(place(array), problem))?;
+        Ok(Samples::Binary(Cow::Owned(bytes)))
     }
 }
