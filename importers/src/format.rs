@@ -89,10 +89,7 @@ static FORMATS: &[Format] = &[
         words.iter().any(|word| head.starts_with(word)) && contains(head, b"NDims")
     }),
     Format::new("NIfTI", &["nii", "hdr"], |source, options| nifti::read(&source.into_file()?, options))
-        .beginning(|bytes| {
-            let gzipped = bytes.starts_with(&inflate::GZIP);
-            nifti::begins(bytes) || (gzipped && nifti::begins(&inflate::gzip_beginning(bytes, nifti::HEADER)))
-        }),
+        .beginning(nifti::begins),
     Format::new("VTK XML", &["vti", "vtr"], |source, options| {
         Ok(vtk::xml::read(&source.into_file()?, options)?.into())
     })
