@@ -52,11 +52,11 @@ pub(super) fn read(
         );
         return Err(malformed(problem));
     }
-    let vertices = columns(source, header, vertex, (&PACKED.map(String::from), Scalar::U32))?;
     let with_colors = COLORS.iter().any(|name| chunk.kind(name).is_some());
     let names: Vec<String> =
         RANGES.iter().chain(COLORS.iter().filter(|_| with_colors)).map(|name| (*name).to_owned()).collect();
     let chunks = columns(source, header, chunk, (&names, Scalar::F32))?;
+    let vertices = columns(source, header, vertex, (&PACKED.map(String::from), Scalar::U32))?;
     let (degree, coefficients) = match header.element("sh") {
         None => (0, None),
         Some(sh) => {

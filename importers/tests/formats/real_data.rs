@@ -350,7 +350,8 @@ fn splats_of_a_grid() {
     assert_eq!(splats.centers, corners.map(Vec3::from));
     for index in 0..4 {
         let factor = splats.shapes.factor(index);
-        assert!(factor.abs_diff_eq(glam::Mat3::from_diagonal(Vec3::splat(0.1)), 1e-7), "{factor}");
+        let covariance = factor * factor.transpose();
+        assert!(covariance.abs_diff_eq(glam::Mat3::from_diagonal(Vec3::splat(0.01)), 1e-8), "{covariance}");
     }
     let Strength::Opacity { peaks, .. } = &splats.strength else { panic!("opacities are expected") };
     assert_eq!(peaks[..], [230.0 / 255.0; 4]);
