@@ -357,21 +357,24 @@ fn splats_of_a_grid() {
     assert_eq!(peaks[..], [230.0 / 255.0; 4]);
 }
 
-/// Counts and ranges of two scans as their headers have them.
+/// Counts, ranges and sums of intensities of two scans as another reader has them.
 #[test]
 fn laser_scans() {
-    for (name, count, low, high) in [
+    for (name, count, intensities, [low, high]) in [
         (
             "pointclouds/autzen_trim.las",
             110_000,
-            DVec3::new(636_001.76, 848_935.20, 406.26),
-            DVec3::new(637_179.22, 849_497.90, 520.51),
+            11_220_547.0,
+            [DVec3::new(636_001.76, 848_935.20, 406.26), DVec3::new(637_179.22, 849_497.90, 520.51)],
         ),
         (
             "pointclouds/lone-star.laz",
             518_862,
-            DVec3::new(515_368.6, 4_918_340.3625, 2322.895),
-            DVec3::new(515_401.045, 4_918_381.125, 2338.5775),
+            562_919_835.0,
+            [
+                DVec3::new(515_368.602_25, 4_918_340.364, 2322.896_25),
+                DVec3::new(515_401.043, 4_918_381.123_75, 2338.575_5),
+            ],
         ),
     ] {
         let Some(path) = data(name) else { continue };
@@ -383,5 +386,8 @@ fn laser_scans() {
         // Positions are up to 1200 units from the origin: they are rounded by 6e-5.
         assert!((found_low - low).abs().max_element() < 1e-4, "{name}: {found_low}");
         assert!((found_high - high).abs().max_element() < 1e-4, "{name}: {found_high}");
+        let sum = cloud.intensities.iter().flatten().map(|&intensity| f64::from(intensity)).sum::<f64>();
+        assert_eq!(sum, intensities, "{name}");
+        assert_eq!(cloud.colors.is_some(), name.ends_with("las"));
     }
 }

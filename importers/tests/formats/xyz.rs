@@ -10,7 +10,8 @@ fn columns_tell_what_they_mean() {
     let folder = Folder::new();
     let read = |name: &str, text: &str| points(folder.open(name, text));
     let plain = read("a.xyz", "\u{feff}0.5 0.25 -3\n\n# a remark\n  1\t2 3e0 \r\n");
-    assert_eq!(plain.positions, [vec3(0.5, 0.25, -3.0), vec3(1.0, 2.0, 3.0)]);
+    assert_eq!(plain.origin, dvec3(0.0, 0.0, -3.0));
+    assert_eq!(plain.positions, [vec3(0.5, 0.25, 0.0), vec3(1.0, 2.0, 6.0)]);
     assert!(plain.colors.is_none() && plain.intensities.is_none() && plain.normals.is_none());
 
     let far = read("a.asc", "//X;Y;Z;I\n4500000.125;5500000.5;300.25;7\n4500001;5500001;301;9\n");
