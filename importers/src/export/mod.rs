@@ -5,7 +5,6 @@ pub(crate) mod records;
 pub(crate) mod splat;
 
 #[cfg(test)]
-#[expect(clippy::unwrap_used, reason = "tests may panic")]
 mod tests;
 
 use thiserror::Error;
