@@ -18,6 +18,8 @@ mod samples;
 mod splat;
 mod spz;
 mod surfel_ply;
+#[cfg(test)]
+mod tests;
 mod vti;
 
 use crate::{Content, Note};
