@@ -2,7 +2,6 @@
 
 use crate::file::File;
 use crate::gltf;
-use crate::inflate;
 use crate::meshes::{obj, stl};
 use crate::ply;
 use crate::points::{las, pcd, xyz};
@@ -83,16 +82,9 @@ static FORMATS: &[Format] = &[
     Format::new("MetaImage", &["mhd", "mha"], |source, options| {
         meta_image::read(&source.into_file()?, options)
     })
-    .beginning(|bytes| {
-        let head = start(text(bytes));
-        let words = [&b"ObjectType"[..], b"NDims", b"Comment"];
-        words.iter().any(|word| head.starts_with(word)) && contains(head, b"NDims")
-    }),
+    .beginning(meta_image::begins),
     Format::new("NIfTI", &["nii", "hdr"], |source, options| nifti::read(&source.into_file()?, options))
-        .beginning(|bytes| {
-            let gzipped = bytes.starts_with(&inflate::GZIP);
-            nifti::begins(bytes) || (gzipped && nifti::begins(&inflate::gzip_beginning(bytes, nifti::HEADER)))
-        }),
+        .beginning(nifti::begins),
     Format::new("VTK XML", &["vti", "vtr"], |source, options| {
         Ok(vtk::xml::read(&source.into_file()?, options)?.into())
     })

@@ -224,8 +224,6 @@ fn grid_frame(
             let problem = "space directions must give a vector of three numbers for each spatial axis";
             return Err(file.malformed(place, problem));
         };
-        let edges = DMat3::from_cols(x, y, z);
-        return Ok(frame::of_edges(frame.origin, edges));
         return Ok(frame::of_edges(frame.origin, DMat3::from_cols(x, y, z)));
     }
     let cell_centred = matches!(header.get(&["centers", "centerings"]), Some((_, c)) if c.contains("cell"));
