@@ -59,7 +59,7 @@ fn type_name(voxels: &Voxels) -> &'static str {
 mod tests {
     use super::*;
     use crate::OpenOptions;
-    use crate::export::samples::tests::{frame, volumes};
+    use crate::export::samples::tests::{close, frame, volumes};
     use crate::file::File;
     use crate::volumes::nrrd::read;
     use glam::DMat3;
@@ -93,15 +93,7 @@ mod tests {
             for volume in volumes(frame, false) {
                 let back = there_and_back(&volume, Packing::Raw);
                 prop_assert_eq!(back.voxels(), volume.voxels());
-                let found = back.frame();
-                prop_assert_eq!(found.origin, frame.origin);
-                // A product, a root of a sum of three squares and a quotient: each number is within 4 units of 2⁻⁵³; the
-                // direction itself has unit columns to as much.
-                let close = |a: DVec3, b: DVec3| (a - b).abs().max_element() <= 12.0 * f64::EPSILON * b.abs().max_element();
-                prop_assert!(close(found.spacing / frame.spacing, DVec3::ONE));
-                for axis in 0..3 {
-                    prop_assert!(close(found.direction.col(axis), frame.direction.col(axis)));
-                }
+                close(back.frame(), frame)?;
             }
         }
     }

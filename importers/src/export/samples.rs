@@ -45,6 +45,7 @@ pub(crate) mod tests {
     use glam::{DMat3, DQuat, DVec3};
     use oblate_volumes::{GridFrame, Volume};
     use proptest::prelude::*;
+    use proptest::test_runner::TestCaseError;
 
     /// Volumes of every number type, of more samples than a piece holds where `large`.
     pub(crate) fn volumes(frame: GridFrame, large: bool) -> Vec<Volume> {
@@ -70,6 +71,20 @@ pub(crate) mod tests {
     }
 
     /// Frames that turn, mirror and shear.
+    /// That a frame came back: its origin as it was, the rest as rounding leaves it.
+    pub(crate) fn close(found: GridFrame, frame: GridFrame) -> Result<(), TestCaseError> {
+        prop_assert_eq!(found.origin, frame.origin);
+        // A product, a root of a sum of three squares and a quotient: each number is within 4 units of 2⁻⁵³; the
+        // direction itself has unit columns to as much.
+        let close =
+            |a: DVec3, b: DVec3| (a - b).abs().max_element() <= 12.0 * f64::EPSILON * b.abs().max_element();
+        prop_assert!(close(found.spacing / frame.spacing, DVec3::ONE));
+        for axis in 0..3 {
+            prop_assert!(close(found.direction.col(axis), frame.direction.col(axis)));
+        }
+        Ok(())
+    }
+
     pub(crate) fn frame() -> impl Strategy<Value = GridFrame> {
         let number = || -1e3..1e3_f64;
         let vector = move || prop::array::uniform3(number()).prop_map(DVec3::from_array);

@@ -1,5 +1,6 @@
 //! VTI (VTK ImageData in XML) of a volume, as [`crate::volumes::vtk::xml`] reads it: appended raw data of one piece, samples
-//! at points, `Direction` as VTK 9 has it. Samples and frame are bit-equal when read again.
+//! at points, `Direction` as VTK 9 has it. Samples and origin are bit-equal when read again, spacing and direction to the last
+//! digit or two of double precision.
 
 use super::ExportError;
 use super::samples::{PIECE, Packing, pieces, size};
@@ -95,7 +96,7 @@ fn type_name(voxels: &Voxels) -> &'static str {
 mod tests {
     use super::*;
     use crate::OpenOptions;
-    use crate::export::samples::tests::{frame, volumes};
+    use crate::export::samples::tests::{close, frame, volumes};
     use crate::file::File;
     use crate::volumes::vtk::xml::read;
     use oblate_volumes::GridFrame;
@@ -118,9 +119,11 @@ mod tests {
 
     proptest! {
         #[test]
-        fn turned_frames_come_back_as_they_were(frame in frame()) {
+        fn turned_frames_come_back_to_the_last_digits(frame in frame()) {
             for volume in volumes(frame, false) {
-                prop_assert_eq!(&there_and_back(&volume, Packing::Deflated), &volume);
+                let back = there_and_back(&volume, Packing::Deflated);
+                prop_assert_eq!(back.voxels(), volume.voxels());
+                close(back.frame(), frame)?;
             }
         }
     }
