@@ -6,10 +6,11 @@ use crate::progress::Console;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use glam::{DAffine3, DMat3, DVec3};
 use oblate::engine::{Blend, Cloud};
-use oblate::importers::{Content, Endian, OpenOptions, Opened, RawLayout, SampleType};
+use oblate::importers::{Content, Endian, OpenOptions, Opened, RawLayout, SampleType, Watch};
 use oblate::surfels::{Mesh, PointCloud};
 use oblate::volumes::{GridFrame, Volume};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Something to draw, in world space.
 #[derive(Clone, Debug)]
@@ -91,10 +92,13 @@ pub(crate) fn open(path: &Path, options: &FileOptions, console: Console) -> Resu
         ..OpenOptions::default()
     };
     settings.max_memory = options.max_memory.unwrap_or(settings.max_memory);
-    let task = console.task(format!("reading {}", path.display()));
+    let task = Arc::new(console.task(format!("reading {}", path.display())));
+    let told = Arc::clone(&task);
+    settings.watch = Some(Watch::new(move |done, of| told.at(done, of)));
     let opened = oblate::importers::open(path, &settings)?;
-    drop(task);
-    let is_raw = opened.format.starts_with("raw");
+    drop((settings, task));
+    // Slices may be raw ones.
+    let is_raw = matches!(opened.format, "raw" | "slices");
     let said = options.sample_type.is_some() || options.endian.is_some();
     ensure!(
         !is_raw || raw.is_some() || !said,
@@ -110,7 +114,7 @@ pub(crate) fn open(path: &Path, options: &FileOptions, console: Console) -> Resu
         },
         Content::Volume(_) => Uses { volume: true, raw: is_raw, ..Uses::default() },
         Content::Points(_) => Uses { points: true, ..Uses::default() },
-        Content::Splats { .. } => Uses { level: opened.format.contains("levels"), ..Uses::default() },
+        Content::Splats { .. } => Uses { level: opened.format == "SOG", ..Uses::default() },
     };
     Ok((opened, uses))
 }

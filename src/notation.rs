@@ -1,6 +1,7 @@
 //! How values are written at the command line: `640x480`, `1,-2,3`, `#20202080`.
 
 use oblate::engine::color::srgb_to_linear;
+use oblate::importers::parse_dims;
 use serde::Deserialize;
 use std::str::FromStr;
 
@@ -53,9 +54,9 @@ pub(crate) fn size(text: &str) -> Result<[u32; 2], String> {
     separated(text, 'x', "640x480")
 }
 
-/// `256x256x128`.
+/// `256x256x128`, or `256x256` for slices.
 pub(crate) fn dims(text: &str) -> Result<[usize; 3], String> {
-    separated(text, 'x', "256x256x128")
+    parse_dims(text).map_err(|error| error.to_string())
 }
 
 /// `1,-2,3.5`, each finite.

@@ -3,8 +3,8 @@
 #![expect(clippy::unwrap_used, reason = "what is not there fails the test")]
 
 mod command_line;
-mod convert;
 mod compare;
+mod convert;
 mod place;
 mod render;
 mod scene_files;

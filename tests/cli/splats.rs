@@ -113,7 +113,10 @@ fn what_is_left_out_is_said() {
     assert!(out.contains(&format!("note        {note}\n")), "{out}");
     let [json, err] = place.run(&["info", "a.ply", "--json"]);
     let found: serde_json::Value = serde_json::from_str(&json).unwrap();
-    assert_eq!((&found["kind"], &found["count"], &found["notes"][0]), (&"splats".into(), &1.into(), &note.into()));
+    assert_eq!(
+        (&found["kind"], &found["count"], &found["notes"][0]),
+        (&"splats".into(), &1.into(), &note.into())
+    );
     assert!(err.is_empty());
 }
 

@@ -18,10 +18,10 @@
 mod gather;
 pub mod ksplat;
 pub(crate) mod packed;
+mod rotate;
 pub mod sog;
 pub mod splat;
 pub mod spz;
-mod rotate;
 mod trained;
 
 pub(crate) use gather::{ROWS, Sink, Training, gather};

@@ -52,6 +52,9 @@ fn is_levels(json: &[u8]) -> bool {
 pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportError> {
     let (mut budget, mut notes) = (options.max_memory, Vec::new());
     if file.bytes.starts_with(ZIP) || !is_levels(&file.bytes) {
+        if let Some(level) = options.level.filter(|level| *level > 0) {
+            return Err(file.unsupported(Place::Whole, format!("no level {level}: there is one, 0")));
+        }
         let scene = Scene::open(file, &mut budget, &mut notes)?;
         let parts = [Part { file: 0, offset: 0, count: scene.count() }];
         return merge(file, (&[scene], &parts), budget, notes);
