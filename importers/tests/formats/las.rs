@@ -232,7 +232,7 @@ fn what_is_refused() {
     refuse(&put(104, &[0x82]), &laz, &["byte 281", "is not what points of format 2 with 8 extra bytes are"]);
     refuse(&put(281, &[3]), &laz, &["byte 281", "point format 3 cannot be compressed by method 3"]);
     refuse(&put(293, &[255; 4]), &laz, &["chunks of various sizes are not supported"]);
-    refuse(&put(293, &[1, 0, 0, 0, 255]), &laz, &["laszip"]);
+    refuse(&put(313, &[255]), &laz, &["byte 281", "the record of laszip"]);
     refuse(&|bytes| bytes.truncate(bytes.len() - 120), &laz, &["break off"]);
     let layered = File { chunk: Some(10), ..plain(4, 7) };
     let begin = 375 + 54 + 34 + 6 * 2 + 8;
