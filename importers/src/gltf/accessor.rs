@@ -90,25 +90,30 @@ impl<'a> Accessors<'a> {
                 (Cow::Borrowed(bytes), stride)
             }
             None => {
-                let Some(sparse) = &accessor.sparse else {
+                if accessor.sparse.is_none() {
                     return Err(malformed(
                         "has no bufferView (compressed by an extension that is not read?)".into(),
                     ));
-                };
-                // All zero but for what is sparse: no bytes bound the count, so what they replace must.
-                let limit = usize::try_from(sparse.count.0).unwrap_or(0).saturating_mul(1 << 10).max(1 << 16);
-                if count > limit {
-                    return Err(malformed(format!(
-                        "{count} elements are not there but for {limit} sparse ones"
-                    )));
                 }
-                (Cow::Owned(vec![0; count * size]), size)
+                (Cow::Borrowed(&[][..]), size)
             }
         };
         if let Some(sparse) = &accessor.sparse {
-            let dense = (0..count).flat_map(|row| &bytes[row * stride..][..size]);
-            let mut dense: Vec<u8> = dense.copied().collect();
-            self.replace(sparse, size, &mut dense).map_err(|e| e.at(self.file, place()))?;
+            let changes = self.changes(sparse, (size, count)).map_err(|e| e.at(self.file, place()))?;
+            // All zero but for what is sparse: no bytes bound the count, so what they replace must.
+            let limit = changes.indices.count.saturating_mul(1 << 10).max(1 << 16);
+            if accessor.buffer_view.is_none() && count > limit {
+                return Err(malformed(format!(
+                    "{count} elements are not there but for {} sparse ones",
+                    changes.indices.count
+                )));
+            }
+            self.buffers.budget().take(self.file, place, (count, size))?;
+            let mut dense = vec![0; count * size];
+            for (to, from) in dense.chunks_exact_mut(size).zip(bytes.chunks(stride)) {
+                to.copy_from_slice(&from[..size]);
+            }
+            changes.apply(&mut dense).map_err(malformed)?;
             (bytes, stride) = (Cow::Owned(dense), size);
         }
         Ok(Column { bytes, stride, scalar, scale, count, width })
@@ -141,25 +146,45 @@ impl<'a> Accessors<'a> {
         Ok((within.ok_or_else(problem)?, stride))
     }
 
-    /// Puts what a sparse accessor replaces into elements of `size` bytes without gaps.
-    fn replace(&self, sparse: &sparse::Sparse, size: usize, dense: &mut [u8]) -> Result<(), Fault> {
-        let count = usize::try_from(sparse.count.0).unwrap_or(usize::MAX);
+    /// What a sparse accessor replaces among `count` elements of `size` bytes.
+    fn changes(&self, sparse: &sparse::Sparse, (size, count): (usize, usize)) -> Result<Changes<'a>, Fault> {
+        let changed = usize::try_from(sparse.count.0).unwrap_or(usize::MAX);
+        // Each is replaced once (glTF 2.0, 3.6.2.3): otherwise few elements could take long.
+        if changed > count {
+            return Err(format!("sparse.count is {changed}, but there are {count} elements").into());
+        }
         let Checked::Valid(index_type) = sparse.indices.component_type else {
             return Err("sparse.indices.componentType is no index type".to_owned().into());
         };
         let scalar = self::scalar(index_type.0);
         let place = (sparse.indices.buffer_view, sparse.indices.byte_offset.0);
-        let (bytes, stride) = self.elements(place.0, place.1, (scalar.size(), count))?;
-        let indices = Column { bytes: Cow::Borrowed(bytes), stride, scalar, scale: 1.0, count, width: 1 }
-            .values::<f64>();
+        let (bytes, stride) = self.elements(place.0, place.1, (scalar.size(), changed))?;
+        let indices =
+            Column { bytes: Cow::Borrowed(bytes), stride, scalar, scale: 1.0, count: changed, width: 1 };
         let place = (sparse.values.buffer_view, sparse.values.byte_offset.0);
-        let (values, stride) = self.elements(place.0, place.1, (size, count))?;
-        let rows = dense.len() / size;
-        for (number, index) in indices.into_iter().enumerate() {
-            let Some(element) = dense.chunks_exact_mut(size).nth(index as usize) else {
-                return Err(format!("sparse index {index} must be below {rows}").into());
+        let (values, stride) = self.elements(place.0, place.1, (size, changed))?;
+        Ok(Changes { indices, values, stride, size })
+    }
+}
+
+/// Elements of `size` bytes, `stride` apart, and where they go.
+struct Changes<'a> {
+    indices: Column<'a>,
+    values: &'a [u8],
+    stride: usize,
+    size: usize,
+}
+
+impl Changes<'_> {
+    /// Puts them into elements without gaps.
+    fn apply(&self, dense: &mut [u8]) -> Result<(), String> {
+        let rows = dense.len() / self.size;
+        for number in 0..self.indices.count {
+            let index = self.indices.value(number, 0);
+            let Some(element) = dense.chunks_exact_mut(self.size).nth(index as usize) else {
+                return Err(format!("sparse index {index} must be below {rows}"));
             };
-            element.copy_from_slice(&values[number * stride..][..size]);
+            element.copy_from_slice(&self.values[number * self.stride..][..self.size]);
         }
         Ok(())
     }

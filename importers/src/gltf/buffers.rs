@@ -96,6 +96,8 @@ impl<'a> Buffers<'a> {
                 Some(bytes) => bytes,
                 None => {
                     let bytes = resource(self.file, place(), uri)?;
+                    // Many buffers may name one file.
+                    self.budget.take(self.file, place, (bytes.len(), 1))?;
                     cell.get_or_init(|| bytes)
                 }
             },

@@ -229,6 +229,45 @@ fn quantized_and_sparse() {
     folder.refused("a.glb", glb(&beyond, &bytes), &["accessor 0", "sparse index 3"]);
     let huge = sparse("").replacen("\"count\": 4", "\"count\": 99999999999", 1);
     folder.refused("a.glb", glb(&huge, &bytes), &["accessor 0", "99999999999"]);
+    // However many sparse ones are declared: these must be there.
+    let declared = |count: u64, sparse_count: u64| {
+        let text = sparse("").replacen("\"count\": 4", &format!("\"count\": {count}"), 1);
+        glb(
+            &text.replacen(
+                "\"sparse\": {\"count\": 2",
+                &format!("\"sparse\": {{\"count\": {sparse_count}"),
+                1,
+            ),
+            &bytes,
+        )
+    };
+    folder.refused("a.glb", declared(u64::MAX, u64::MAX), &["accessor 0", "go beyond bufferView"]);
+    folder.refused("a.glb", declared(1 << 50, 1 << 40), &["accessor 0", "go beyond bufferView"]);
+    folder.refused("a.glb", declared(1, 2), &["accessor 0", "sparse.count is 2, but there are 1 elements"]);
+}
+
+/// A buffer that names a file takes memory for it, each time.
+#[test]
+fn files_of_buffers_count() {
+    let folder = Folder::new();
+    folder.write("b.bin", vec![0; 100_000]);
+    let buffers = vec![r#"{"uri": "b.bin", "byteLength": 100000}"#; 40].join(", ");
+    let views: Vec<String> = (0..40).map(|i| format!(r#"{{"buffer": {i}, "byteLength": 36}}"#)).collect();
+    let accessors: Vec<String> = (0..40)
+        .map(|i| format!(r#"{{"bufferView": {i}, "componentType": 5126, "count": 3, "type": "VEC3"}}"#))
+        .collect();
+    let primitives: Vec<String> =
+        (0..40).map(|i| format!(r#"{{"attributes": {{"POSITION": {i}}}}}"#)).collect();
+    let json = format!(
+        r#"{{"asset": {{"version": "2.0"}}, "nodes": [{{"mesh": 0}}], "meshes": [{{"primitives": [{}]}}],
+"accessors": [{}], "bufferViews": [{}], "buffers": [{buffers}]}}"#,
+        primitives.join(", "),
+        accessors.join(", "),
+        views.join(", ")
+    );
+    assert_eq!(folder.mesh("a.gltf", &json).primitives.len(), 40);
+    let options = OpenOptions { max_memory: 2_000_000, ..OpenOptions::default() };
+    refused(folder.open_with("a.gltf", &json, &options), "a.gltf", &["buffer", "more than 2000000 bytes"]);
 }
 
 /// KHR_mesh_quantization: all its types, for positions, normals and texture coordinates.
