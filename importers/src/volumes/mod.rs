@@ -14,3 +14,4 @@ pub mod tiff;
 mod tiff_pages;
 pub(crate) mod voxels;
 pub mod vtk;
+mod xml;

@@ -21,10 +21,11 @@ use crate::file::File;
 use crate::inflate;
 use crate::volumes::tiff_pages::{EXPANSION_LIMIT, Page, pages};
 use crate::volumes::voxels::Layout;
+use crate::volumes::xml;
 use crate::{Content, Endian, ImportError, Note, OpenOptions, Opened, Place};
 use glam::DVec3;
 use oblate_volumes::GridFrame;
-use roxmltree::{Document, Node};
+use roxmltree::Node;
 use std::io::Cursor;
 use std::iter;
 use tiff::decoder::{Decoder, Limits};
@@ -119,6 +120,10 @@ fn decode(file: &File, pages: &[Page<'_>], max_memory: u64) -> Result<Stack, Imp
         let left_out = pages.len() - slices;
         notes.push(Note::LeftOut(format!("{left_out} pages that are smaller copies or masks of others")));
     }
+    if first.turned {
+        let order = "rows and columns in the order in which they are stored, which Orientation would turn";
+        notes.push(Note::Assumed(order.into()));
+    }
     if first.white_is_zero {
         let bright = "white is 0 in this file: values are turned round, so that bright is high";
         notes.push(Note::Assumed(bright.into()));
@@ -186,7 +191,7 @@ fn ome(file: &File, description: &str, slices: usize) -> Result<DVec3, ImportErr
     let place = || Place::Part("ImageDescription".into());
     let malformed = |problem: String| file.malformed(place(), format!("OME: {problem}"));
     let unsupported = |feature: String| file.unsupported(place(), format!("OME: {feature}"));
-    let document = Document::parse(description).map_err(|error| malformed(error.to_string()))?;
+    let document = xml::document(description, file.bytes.len()).map_err(|(_, problem)| malformed(problem))?;
     let named = |name: &'static str| {
         document.descendants().filter(move |node| node.is_element() && node.tag_name().name() == name)
     };

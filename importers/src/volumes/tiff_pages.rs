@@ -23,6 +23,8 @@ pub(super) struct Page<'a> {
     pub(super) white_is_zero: bool,
     /// Whether it is a smaller copy of another page, or a mask of one.
     pub(super) auxiliary: bool,
+    /// Whether its first row is not the upper one, or its first column not the left one.
+    pub(super) turned: bool,
     pub(super) description: &'a [u8],
     /// Pixels in a unit of length, along x and y.
     pub(super) resolution: [Option<f64>; 2],
@@ -36,11 +38,28 @@ mod tag {
     pub(super) const BITS: u16 = 258;
     pub(super) const COMPRESSION: u16 = 259;
     pub(super) const PHOTOMETRIC: u16 = 262;
+    pub(super) const FILL_ORDER: u16 = 266;
     pub(super) const DESCRIPTION: u16 = 270;
+    pub(super) const ORIENTATION: u16 = 274;
     pub(super) const SAMPLES: u16 = 277;
     pub(super) const X_RESOLUTION: u16 = 282;
     pub(super) const Y_RESOLUTION: u16 = 283;
     pub(super) const FORMAT: u16 = 339;
+    pub(super) const ALL: [u16; 13] = [
+        SUBFILE,
+        WIDTH,
+        HEIGHT,
+        BITS,
+        COMPRESSION,
+        PHOTOMETRIC,
+        FILL_ORDER,
+        DESCRIPTION,
+        ORIENTATION,
+        SAMPLES,
+        X_RESOLUTION,
+        Y_RESOLUTION,
+        FORMAT,
+    ];
 }
 
 /// Reads numbers of either width in either byte order.
@@ -141,7 +160,11 @@ impl<'a> Reader<'a> {
                 let from = at + head + index * size + size - value.len();
                 self.bytes(self.offset(from)?, length)?
             };
-            entries.push(Entry { tag: tag as u16, kind, value });
+            let tag = tag as u16;
+            // A table may be as large as the file, and have a field many times: the first counts.
+            if tag::ALL.contains(&tag) && entries.iter().all(|entry: &Entry<'_>| entry.tag != tag) {
+                entries.push(Entry { tag, kind, value });
+            }
         }
         Ok((entries, self.offset(at + head + count * size)?))
     }
@@ -207,6 +230,9 @@ impl<'a> Reader<'a> {
         if photometric == Some(0) && !unsigned {
             return unsupported(format!("white is 0 in {scalar:?}; that is read of unsigned integers"));
         }
+        if integer(tag::FILL_ORDER).is_some_and(|order| order != 1) {
+            return unsupported("FillOrder 2, bytes whose lowest bit is first; 1 is read".into());
+        }
         let compression = integer(tag::COMPRESSION).unwrap_or(1);
         let compressed = compression != 1;
         if !matches!(compression, 1 | 5 | 8 | 32946 | 32773) {
@@ -244,6 +270,7 @@ impl<'a> Reader<'a> {
             compressed,
             white_is_zero: photometric == Some(0),
             auxiliary: integer(tag::SUBFILE).is_some_and(|kind| kind & 0b101 != 0),
+            turned: integer(tag::ORIENTATION).is_some_and(|orientation| orientation != 1),
             description: field(tag::DESCRIPTION).map_or(&[], |entry| entry.value),
             resolution: [ratio(tag::X_RESOLUTION), ratio(tag::Y_RESOLUTION)],
         })

@@ -308,6 +308,14 @@ fn pages_must_be_alike() {
 }
 
 #[test]
+fn orientation_turns_nothing_and_is_noted() {
+    let pages = bytes_changed(|_, fields| set(fields, 274, 4));
+    let opened = Folder::new().open("a.tif", LITTLE.file(&pages, None)).unwrap();
+    assert!(matches!(&opened.notes[..], [Note::Assumed(text)] if text.contains("Orientation")));
+    assert_corner_marked(&volume(Ok(opened)));
+}
+
+#[test]
 fn bright_is_high() {
     let folder = Folder::new();
     let pages = bytes_changed(|_, fields| set(fields, 262, 0));
@@ -332,6 +340,7 @@ fn what_is_not_greyscale_is_named() {
     }
     changed(&|fields| set(fields, 277, 2), &["greyscale of 2 samples a pixel"]);
     changed(&|fields| set(fields, 258, 12), &["12 bits"]);
+    changed(&|fields| set(fields, 266, 2), &["FillOrder 2"]);
     changed(&|fields| set(fields, 339, 4), &["SampleFormat 4"]);
     changed(&|fields| fields.retain(|field| field.0 != 256), &["no ImageWidth above 0"]);
     changed(&|fields| set(fields, 278, 0), &["page 1", "cannot be decoded"]);

@@ -119,6 +119,33 @@ fn frames() {
     assert_eq!(volume(folder.open_with("a.vti", ascii(), &options)).frame().spacing, DVec3::ONE);
 }
 
+/// What programs write into an array beside its numbers is none of them.
+#[test]
+fn keys_and_comments_of_arrays_are_passed_over() {
+    let key =
+        "<InformationKey name=\"UNITS_LABEL\" location=\"vtkDataArray\">1 2</InformationKey>\n<!-- 7 -->";
+    let file = ascii().replace("</DataArray>", &format!("{key}</DataArray>"));
+    assert_corner_marked(&Folder::new().volume("a.vti", file));
+    let packed = [&24_u32.to_le_bytes()[..], &corner_marked()].concat();
+    let array = format!(
+        "<DataArray type=\"UInt8\" Name=\"density\" format=\"binary\">{key}{}</DataArray>",
+        base64(&packed)
+    );
+    assert_corner_marked(&Folder::new().volume("a.vti", image("", &array, b"")));
+}
+
+/// Documents that would come to many times the file, or take quadratic time.
+#[test]
+fn documents_are_bounded() {
+    let folder = Folder::new();
+    let with = |text: &str| ascii().replace("<CellData/>", &format!("<CellData>{text}</CellData>"));
+    folder.refused("a.vti", with(&"<a/>".repeat(1_000_000)), &["line 1", "far more than a file of"]);
+    let attributes: String = (0..300).map(|i| format!(" a{i}=\"\"")).collect();
+    folder.refused("a.vti", with(&format!("<a{attributes}/>")), &["line 12", "more than 256 attributes"]);
+    let few: String = (0..200).map(|i| format!(" a{i}=\"\"")).collect();
+    assert_corner_marked(&folder.volume("a.vti", with(&format!("<a{few}/>"))));
+}
+
 #[test]
 fn cell_data_lie_half_a_spacing_in() {
     let cells = ascii().replace("<CellData/>", "").replace("PointData", "CellData");

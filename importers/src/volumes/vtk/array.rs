@@ -89,14 +89,23 @@ impl<'a> Stream<'a> {
     }
 
     /// An uncompressed array of `expected` bytes.
-    pub(crate) fn uncompressed(&mut self, expected: usize) -> Result<Vec<u8>, String> {
+    pub(crate) fn uncompressed(mut self, expected: usize) -> Result<Cow<'a, [u8]>, String> {
         let declared = self.header_number()?;
         check(declared, expected)?;
-        self.take(expected).map(<[u8]>::to_vec)
+        let start = self.at;
+        self.take(expected)?;
+        Ok(match self.bytes {
+            Cow::Borrowed(bytes) => Cow::Borrowed(&bytes[start..self.at]),
+            Cow::Owned(mut bytes) => {
+                bytes.truncate(self.at);
+                bytes.drain(..start);
+                Cow::Owned(bytes)
+            }
+        })
     }
 
     /// An array of `expected` bytes in zlib blocks.
-    pub(crate) fn zlib_blocks(&mut self, expected: usize) -> Result<Vec<u8>, String> {
+    pub(crate) fn zlib_blocks(mut self, expected: usize) -> Result<Vec<u8>, String> {
         let (blocks, size, last) = (self.header_number()?, self.header_number()?, self.header_number()?);
         let whole = if last > 0 { blocks.saturating_sub(1) } else { blocks };
         check(whole.saturating_mul(size).saturating_add(last), expected)?;

@@ -8,14 +8,15 @@
 
 use super::array::{Appended, Encoding, Stream};
 use super::grid::{Coordinates, PointGrid};
-use crate::file::File;
+use crate::file::{File, quoted};
 use crate::inflate;
 use crate::scalar::Scalar;
 use crate::volumes::voxels::{Layout, Samples};
+use crate::volumes::xml;
 use crate::{Endian, ImportError, OpenOptions, Place};
 use glam::{DMat3, DVec3};
 use oblate_volumes::Volume;
-use roxmltree::{Document, Node};
+use roxmltree::Node;
 use std::borrow::Cow;
 
 /// What all arrays of a file share.
@@ -30,10 +31,8 @@ struct Arrays<'a> {
 /// Reads a volume.
 pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportError> {
     let (header, appended) = split(file)?;
-    let document = Document::parse(&header).map_err(|error| {
-        let line = error.pos().row as usize;
-        file.malformed(Place::Line(line), format!("XML: {error}"))
-    })?;
+    let document = xml::document(&header, file.bytes.len())
+        .map_err(|(line, problem)| file.malformed(Place::Line(line), problem))?;
     let root = document.root_element();
     let kind = root.attribute("type").unwrap_or("nothing");
     if !root.has_tag_name("VTKFile") || !["ImageData", "RectilinearGrid"].contains(&kind) {
@@ -76,14 +75,14 @@ fn child<'a, 'i>(file: &File, node: Node<'a, 'i>, name: &str) -> Result<Node<'a,
 }
 
 /// The XML without appended data, which may be no XML, and these.
-fn split(file: &File) -> Result<(String, Option<Appended<'_>>), ImportError> {
+fn split(file: &File) -> Result<(Cow<'_, str>, Option<Appended<'_>>), ImportError> {
     const TAG: &[u8] = b"<AppendedData";
-    let text = |bytes: &[u8]| match str::from_utf8(bytes) {
-        Ok(text) => Ok(text.to_owned()),
+    let text = |bytes| match str::from_utf8(bytes) {
+        Ok(text) => Ok(text),
         Err(error) => Err(file.malformed(Place::Byte(error.valid_up_to()), "XML must be UTF-8 text")),
     };
     let Some(at) = file.bytes.windows(TAG.len()).position(|window| window == TAG) else {
-        return Ok((text(&file.bytes)?, None));
+        return Ok((Cow::Borrowed(text(&file.bytes)?), None));
     };
     let malformed = |problem: &str| file.malformed(Place::Byte(at), problem.to_owned());
     let rest = &file.bytes[at..];
@@ -103,7 +102,8 @@ fn split(file: &File) -> Result<(String, Option<Appended<'_>>), ImportError> {
         Encoding::Base64 => data.iter().position(|&b| b == b'<').unwrap_or(data.len()),
         Encoding::Raw => data.len(),
     };
-    Ok((text(&file.bytes[..at])? + "</VTKFile>", Some(Appended { encoding, data: &data[..end] })))
+    let header = text(&file.bytes[..at])?.to_owned() + "</VTKFile>";
+    Ok((Cow::Owned(header), Some(Appended { encoding, data: &data[..end] })))
 }
 
 /// An attribute of `N` numbers, or `default` where it is not given.
@@ -119,7 +119,7 @@ fn numbers<const N: usize, T: std::str::FromStr + Copy>(
     };
     let parsed: Option<Vec<T>> = text.split_whitespace().map(|word| word.parse().ok()).collect();
     let array = parsed.and_then(|numbers| numbers.try_into().ok());
-    array.ok_or_else(|| file.malformed(place(node), format!("{name}: {text:?} must be {N} numbers")))
+    array.ok_or_else(|| file.malformed(place(node), format!("{name}: {} must be {N} numbers", quoted(text))))
 }
 
 /// First and last index of points along each axis.
@@ -150,6 +150,16 @@ fn image(file: &File, image: Node<'_, '_>, extent: Extent) -> Result<PointGrid, 
     let edges = direction * DMat3::from_diagonal(spacing);
     let first = DVec3::new(extent[0] as f64, extent[2] as f64, extent[4] as f64);
     Ok(PointGrid { points: points(extent), origin: index_origin + edges * first, edges })
+}
+
+/// What is written in an array itself; its keys (`InformationKey`) and comments are none of its numbers.
+fn text<'a>(array: Node<'a, '_>) -> Cow<'a, [u8]> {
+    let mut texts = array.children().filter(Node::is_text).filter_map(|node| node.text());
+    let first = texts.next().unwrap_or_default();
+    match texts.next() {
+        None => Cow::Borrowed(first.as_bytes()),
+        Some(second) => Cow::Owned([first, second].into_iter().chain(texts).collect::<String>().into_bytes()),
+    }
 }
 
 fn components<'a>(array: Node<'a, '_>) -> &'a str {
@@ -233,12 +243,11 @@ impl Arrays<'_> {
     }
 
     /// An array's numbers.
-    fn samples<'a>(&self, array: Node<'a, '_>, layout: &Layout) -> Result<Samples<'a>, ImportError> {
+    fn samples<'s>(&'s self, array: Node<'s, '_>, layout: &Layout) -> Result<Samples<'s>, ImportError> {
         let file = self.file;
-        let text = || array.children().filter_map(|node| node.text()).collect::<String>();
         let stream = match array.attribute("format") {
-            Some("ascii") | None => return Ok(Samples::Text(Cow::Owned(text().into_bytes()))),
-            Some("binary") => Stream::from_base64(text().as_bytes()),
+            Some("ascii") | None => return Ok(Samples::Text(text(array))),
+            Some("binary") => Stream::from_base64(&text(array)),
             Some("appended") => {
                 let [offset] = numbers(file, array, "offset", None)?;
                 let missing =
@@ -261,18 +270,19 @@ impl Arrays<'_> {
                 return Err(file.malformed(place(root), problem));
             }
         };
-        let mut stream = stream.with_header(header_type, layout.endian);
+        let stream = stream.with_header(header_type, layout.endian);
         let bytes = match root.attribute("compressor") {
             None | Some("") => stream.uncompressed(expected),
             Some("vtkZLibDataCompressor") => {
-                inflate::within(expected, self.limit).and_then(|()| stream.zlib_blocks(expected))
+                let blocks =
+                    inflate::within(expected, self.limit).and_then(|()| stream.zlib_blocks(expected));
+                blocks.map(Cow::Owned)
             }
             Some(other) => {
                 let feature = format!("compressor {other:?}; vtkZLibDataCompressor or none are supported");
                 return Err(file.unsupported(place(root), feature));
             }
         };
-        let bytes = bytes.map_err(|problem| file.malformed(place(array), problem))?;
-        Ok(Samples::Binary(Cow::Owned(bytes)))
+        bytes.map(Samples::Binary).map_err(|problem| file.malformed(place(array), problem))
     }
 }
