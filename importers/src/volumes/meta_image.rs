@@ -26,6 +26,9 @@ use std::str::FromStr;
 /// Bytes of a header line, at most.
 const LINE: usize = 4096;
 
+/// Bytes of a header, at most: what is kept of it takes more memory than it has bytes.
+const HEADER: usize = 1 << 20;
+
 /// The fields of a header by name (lower case), each with its line.
 struct Header<'a> {
     file: &'a File,
@@ -68,6 +71,10 @@ impl<'a> Header<'a> {
             header.body += line.len();
             let number = index + 1;
             // Messages quote lines: samples where a header is expected must not become one.
+            if header.body > HEADER {
+                let problem = format!("the header has more than {HEADER} bytes");
+                return Err(file.malformed(Place::Line(number), problem));
+            }
             let Some(text) = str::from_utf8(line).ok().filter(|text| text.len() <= LINE) else {
                 let problem = format!("a header line must be text of at most {LINE} bytes");
                 return Err(file.malformed(Place::Line(number), problem));
@@ -279,8 +286,13 @@ impl<'a> Header<'a> {
                 // One file may be named for every slice: the files' size is no bound.
                 inflate::within(expected, limit).map_err(|problem| self.file.malformed(place, problem))?;
                 let per_file = expected / names.len();
+                let mut read = 0;
                 for (line, name) in names {
-                    let data = self.file.read_named(Place::Line(line), name)?;
+                    let place = Place::Line(line);
+                    let data = self.file.read_named(place.clone(), name)?;
+                    // Nor is its number of samples a bound of a file that is read again and again.
+                    read += data.bytes.len();
+                    inflate::within(read, limit).map_err(|problem| self.file.malformed(place, problem))?;
                     bytes.extend_from_slice(&self.part(&data, 0, (per_file, limit), notes)?);
                 }
                 Ok(Cow::Owned(bytes))

@@ -3,7 +3,8 @@
 //! Source: Kindlmann, *Definition of NRRD File Format*, teem.sourceforge.net/nrrd/format.html (NRRD0005).
 //! Encodings raw, gzip and ascii; three axes, or four of which one has a single sample. `space directions`
 //! and `space origin` are taken as they stand, in the file's own space: a left-posterior-superior file
-//! keeps its axes. Without them `spacings` and `axis mins` count. An unknown spacing (NaN) is 1.
+//! keeps its axes. Without them `spacings` and `axis mins` count. An unknown spacing (NaN) is 1; a negative one turns
+//! its axis.
 
 use crate::Endian;
 use crate::file::{File, quoted};
@@ -16,6 +17,9 @@ use glam::{DMat3, DVec3};
 use oblate_volumes::{GridFrame, Volume, Voxels};
 use std::borrow::Cow;
 use std::collections::HashMap;
+
+/// Bytes of a header, at most: what is kept of it takes more memory than it has bytes.
+const HEADER: usize = 1 << 20;
 
 /// The fields of a header by name (without spaces, lower case), each with its line.
 struct Header {
@@ -45,6 +49,10 @@ impl Header {
         let mut at = 0;
         for (index, line) in file.bytes.split_inclusive(|&b| b == b'\n').enumerate() {
             at += line.len();
+            if at > HEADER {
+                let problem = format!("the header has more than {HEADER} bytes");
+                return Err(file.malformed(Place::Line(index + 1), problem));
+            }
             let line = line.trim_ascii_end();
             if line.is_empty() {
                 header.body = Some(at);
@@ -89,7 +97,7 @@ impl Header {
     fn list<T: std::str::FromStr>(&self, file: &File, name: &str) -> Result<Vec<T>, ImportError> {
         let (place, value) = self.required(file, name)?;
         let numbers = value.split_whitespace().map(|word| word.parse().ok()).collect::<Option<_>>();
-        numbers.ok_or_else(|| file.malformed(place, format!("{name}: {value:?} must be numbers")))
+        numbers.ok_or_else(|| file.malformed(place, format!("{name}: {} must be numbers", quoted(value))))
     }
 
     /// One number for each of `count` axes, if the field is there.
@@ -158,9 +166,10 @@ fn scalar(file: &File, header: &Header) -> Result<Scalar, ImportError> {
         "float" => Scalar::F32,
         "double" => Scalar::F64,
         _ => {
-            return Err(
-                file.unsupported(place, format!("type {name:?} is no number type of NRRD that is read"))
-            );
+            return Err(file.unsupported(
+                place,
+                format!("type {} is no number type of NRRD that is read", quoted(name)),
+            ));
         }
     })
 }
@@ -194,7 +203,8 @@ fn vectors(file: &File, place: Place, text: &str) -> Result<Vec<Option<DVec3>>, 
             })
         };
         let Some((vector, after)) = parsed else {
-            let problem = format!("{text:?} must be vectors of three numbers such as (1,0,0), or none");
+            let problem =
+                format!("{} must be vectors of three numbers such as (1,0,0), or none", quoted(text));
             return Err(file.malformed(place, problem));
         };
         found.push(vector);
@@ -209,12 +219,12 @@ fn grid_frame(
     axes: [usize; 3],
     dims: [usize; 3],
 ) -> Result<GridFrame, ImportError> {
-    let mut frame = GridFrame::default();
     let (_, dimension) = header.required(file, "dimension")?;
     let count = if dimension == "4" { 4 } else { 3 };
+    let mut origin = DVec3::ZERO;
     if let Some((place, text)) = header.get(&["spaceorigin"]) {
         match vectors(file, place.clone(), text)?.as_slice() {
-            [Some(origin)] => frame.origin = *origin,
+            [Some(given)] => origin = *given,
             _ => return Err(file.malformed(place, "space origin must be one vector such as (0,0,0)")),
         }
     }
@@ -224,12 +234,13 @@ fn grid_frame(
             let problem = "space directions must give a vector of three numbers for each spatial axis";
             return Err(file.malformed(place, problem));
         };
-        return Ok(frame::of_edges(frame.origin, DMat3::from_cols(x, y, z)));
+        return Ok(frame::of_edges(origin, DMat3::from_cols(x, y, z)));
     }
     let cell_centred = matches!(header.get(&["centers", "centerings"]), Some((_, c)) if c.contains("cell"));
     let mins = header.per_axis(file, "axismins", count)?;
     let maxs = header.per_axis(file, "axismaxs", count)?;
     let spacings = header.per_axis(file, "spacings", count)?;
+    let mut spacing = DVec3::ONE;
     for (i, &axis) in axes.iter().enumerate() {
         let min = mins.as_ref().map(|m| m[axis]).filter(|m| !m.is_nan());
         let max = maxs.as_ref().map(|m| m[axis]).filter(|m| !m.is_nan());
@@ -237,13 +248,13 @@ fn grid_frame(
         let from_range =
             min.zip(max).filter(|_| intervals > 0).map(|(min, max)| (max - min) / intervals as f64);
         let given = spacings.as_ref().map(|s| s[axis]).filter(|s| !s.is_nan());
-        frame.spacing[i] = given.or(from_range).unwrap_or(1.0);
+        spacing[i] = given.or(from_range).unwrap_or(1.0);
         if let Some(min) = min {
             // A cell's range begins half a sample before its centre.
-            frame.origin[i] = min + if cell_centred { 0.5 * frame.spacing[i] } else { 0.0 };
+            origin[i] = min + if cell_centred { 0.5 * spacing[i] } else { 0.0 };
         }
     }
-    Ok(frame)
+    Ok(frame::of_edges(origin, DMat3::from_diagonal(spacing)))
 }
 
 /// The vectors of three axes out of those of all.
@@ -290,7 +301,7 @@ fn voxels(file: &File, header: &Header, layout: &Layout, limit: u64) -> Result<V
         }
         "ascii" | "text" | "txt" => Samples::Text(skip_bytes(file, header, Cow::Borrowed(body), expected)?),
         _ => {
-            let feature = format!("encoding {encoding:?}; raw, gzip and ascii are supported");
+            let feature = format!("encoding {}; raw, gzip and ascii are supported", quoted(encoding));
             return Err(file.unsupported(place, feature));
         }
     };

@@ -147,6 +147,11 @@ fn slices_of_a_list() {
     let limit = OpenOptions { max_memory: 23, ..OpenOptions::default() };
     let much = folder.open_with("a.mhd", header("", "LIST") + "1.raw\n1.raw\n", &limit);
     refused(much, "a.mhd", &["more than 23 bytes"]);
+    // What is read of files of which little is used counts too.
+    folder.write("1.raw", [0; 900]);
+    let limit = OpenOptions { max_memory: 1000, ..OpenOptions::default() };
+    let often = folder.open_with("a.mhd", header("", "LIST") + "1.raw\n1.raw\n", &limit);
+    refused(often, "a.mhd", &["line 8", "more than 1000 bytes"]);
 }
 
 #[test]
@@ -213,6 +218,8 @@ fn what_is_wrong_is_said() {
     refuse("ElementDataFile = LOCAL", "", &["line 9", "Field = value"]);
     refuse("ElementDataFile = LOCAL", &"\u{1}".repeat(5000), &["line 8", "text of at most 4096 bytes"]);
     folder.refused("a.mha", "NDims = 3\n", &["lacks ElementDataFile"]);
+    let fields: String = (0..150_000).map(|i| format!("f{i} = 1\n")).collect();
+    folder.refused("a.mha", header(&fields, "LOCAL"), &["header has more than 1048576 bytes"]);
     let bomb = [header("CompressedData = True\n", "LOCAL").into_bytes(), zlib(&vec![0; 1_000_000])].concat();
     folder.refused("a.mha", bomb, &["more than the 24 bytes"]);
     let packed = [header("CompressedData = True\n", "LOCAL").into_bytes(), zlib(&corner_marked())].concat();

@@ -63,6 +63,10 @@ fn frames() {
     assert_eq!((cells.spacing, cells.origin), (DVec3::new(1.0, 1.0, 2.0), DVec3::new(0.5, 0.5, 1.0)));
     let nodes = frame("axis mins: 1 0 0\naxis maxs: 4 2 2\n");
     assert_eq!((nodes.spacing, nodes.origin), (DVec3::new(1.0, 1.0, 2.0), DVec3::new(1.0, 0.0, 0.0)));
+    // Falling coordinates turn an axis, as negative directions do.
+    let turned = frame("axis mins: 3 0 0\naxis maxs: 0 2 2\n");
+    assert_eq!((turned.spacing, turned.origin.x), (DVec3::new(1.0, 1.0, 2.0), 3.0));
+    assert_eq!(turned.direction.x_axis, -DVec3::X);
     let spacing = DVec3::splat(7.0);
     let options = OpenOptions { spacing: Some(spacing), ..OpenOptions::default() };
     let bytes = with(&format!("{PLAIN}spacings: 1 2 3\n"), &corner_marked());
@@ -141,6 +145,12 @@ fn what_is_wrong_is_said() {
     folder.refused("a.nrrd", text("1 2 3"), &["24 numbers"]);
     folder.refused("a.nrrd", text("1 2 3                                              "), &["only 3"]);
     folder.refused("a.nrrd", PLAIN, &["empty line"]);
+    let fields: String = (0..150_000).map(|i| format!("f{i}: 1\n")).collect();
+    folder.refused(
+        "a.nrrd",
+        with(&(PLAIN.to_owned() + &fields), &samples),
+        &["header has more than 1048576"],
+    );
     folder.refused("a.nrrd", "no nrrd", &["NRRD0001"]);
     let gzipped = with(&PLAIN.replace("raw", "gzip"), &gzip(&samples)[..20]);
     folder.refused("a.nrrd", gzipped, &["break off"]);
