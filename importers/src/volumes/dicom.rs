@@ -24,6 +24,7 @@ use crate::file::File;
 use crate::inflate;
 use crate::volumes::dicom_data_set::{DataSet, Packing, is_dicom};
 use crate::volumes::dicom_pixels::{self, Pixels};
+use crate::volumes::frame;
 use crate::volumes::slices;
 use crate::{Content, ImportError, Note, OpenOptions, Opened, Place};
 use glam::{DMat3, DVec3};
@@ -182,6 +183,10 @@ impl Slice {
             _ => Ok(missing),
         };
         let slope = rescale(RESCALE_SLOPE, "RescaleSlope", 1.0)?;
+        if slope == 0.0 {
+            let problem = "it is 0, which makes all values one";
+            return Err(file.malformed(Place::Part("RescaleSlope".into()), problem));
+        }
         let intercept = rescale(RESCALE_INTERCEPT, "RescaleIntercept", 0.0)?;
         let (pixels, values) =
             dicom_pixels::read(file, set, |stored| (slope * f64::from(stored) + intercept) as f32)?;
@@ -293,11 +298,8 @@ fn join(
         None
     };
     let step = step.unwrap_or_else(|| normal * slices[0].step.unwrap_or(1.0));
-    let frame = GridFrame {
-        spacing: DVec3::new(x, y, step.length()),
-        origin: slices[0].position.filter(|_| placed).unwrap_or(DVec3::ZERO),
-        direction: DMat3::from_cols(axes[0], axes[1], step / step.length()),
-    };
+    let origin = slices[0].position.filter(|_| placed).unwrap_or(DVec3::ZERO);
+    let frame = frame::of_edges(origin, DMat3::from_cols(axes[0] * x, axes[1] * y, step));
     let frame = GridFrame { spacing: options.spacing.unwrap_or(frame.spacing), ..frame };
     let Pixels { columns, rows, .. } = slices[0].pixels;
     let dims = [usize::from(columns), usize::from(rows), slices.len()];
@@ -374,15 +376,22 @@ fn voxels(slices: Vec<Slice>) -> Voxels {
     let bytes = all(&|slice| !slice.rescaled && !slice.pixels.signed && slice.pixels.bits <= 8);
     let signed = within(f32::from(i16::MIN), f32::from(i16::MAX));
     let unsigned = within(0.0, f32::from(u16::MAX));
-    // Each slice is dropped as soon as it is joined.
-    let values = slices.into_iter().flat_map(|slice| slice.values);
     if bytes {
-        Voxels::U8(values.map(|value| value as u8).collect())
+        Voxels::U8(joined(slices, |value| value as u8))
     } else if signed {
-        Voxels::I16(values.map(|value| value as i16).collect())
+        Voxels::I16(joined(slices, |value| value as i16))
     } else if unsigned {
-        Voxels::U16(values.map(|value| value as u16).collect())
+        Voxels::U16(joined(slices, |value| value as u16))
     } else {
-        Voxels::F32(values.collect())
+        Voxels::F32(joined(slices, |value| value))
     }
+}
+
+/// The values of all slices, each of which is dropped as soon as it is joined.
+fn joined<T>(slices: Vec<Slice>, of: impl Fn(f32) -> T) -> Vec<T> {
+    let mut all = Vec::with_capacity(slices.iter().map(|slice| slice.values.len()).sum());
+    for slice in slices {
+        all.extend(slice.values.iter().map(|&value| of(value)));
+    }
+    all
 }

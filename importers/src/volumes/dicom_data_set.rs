@@ -1,7 +1,7 @@
 //! The elements of a DICOM file down to its pixel data.
 //!
-//! Source: NEMA PS3.10 (file format) and PS3.5 (data structures and encoding), 2024. Only elements of the top level are kept;
-//! sequences are passed over, whatever is in them.
+//! Source: NEMA PS3.10 (file format) and PS3.5 (data structures and encoding), 2024. Only elements of the top level are kept, of
+//! the groups 0008, 0018, 0020 and 0028; sequences are passed over, whatever is in them.
 
 use crate::Endian;
 use crate::file::File;
@@ -20,6 +20,9 @@ const TRANSFER_SYNTAX: u32 = 0x0002_0010;
 const ITEM: u32 = 0xfffe_e000;
 const ITEM_END: u32 = 0xfffe_e00d;
 const SEQUENCE_END: u32 = 0xfffe_e0dd;
+
+/// The groups whose elements are kept.
+const GROUPS: [u32; 4] = [0x0008, 0x0018, 0x0020, 0x0028];
 
 /// How pixels are packed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -221,8 +224,8 @@ impl DataSet {
                 (_, UNDEFINED) => reader.skip_sequence(element.unknown)?,
                 (tag, length) => {
                     let value = reader.take(length as usize)?;
-                    // What is asked for is short.
-                    if value.len() <= 1024 {
+                    // What is asked for is short, and of few groups: a file may have millions of elements.
+                    if value.len() <= 1024 && GROUPS.contains(&(tag >> 16)) {
                         set.elements.insert(tag, value.to_vec());
                     }
                 }

@@ -302,6 +302,8 @@ fn values_are_rescaled() {
     assert_eq!((own.value([0, 0, 0]), own.value([0, 0, 1])), (2.0, 15.0));
     let bad = Slice::of_corner_marked(0).with(text(0x0028_1053, "DS", "steep"));
     Folder::new().refused("a.dcm", bad.file(), &["RescaleSlope", "must be a number"]);
+    let bad = Slice::of_corner_marked(0).with(text(0x0028_1053, "DS", "0"));
+    Folder::new().refused("a.dcm", bad.file(), &["RescaleSlope", "makes all values one"]);
     let bad = Slice::of_corner_marked(0).with(text(0x0028_1053, "DS", "1e300"));
     Folder::new().refused("a.dcm", bad.file(), &["RescaleSlope", "single precision"]);
     let inverted = Slice::of_corner_marked(0).with(text(0x0028_0004, "CS", "MONOCHROME1"));
