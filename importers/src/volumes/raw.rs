@@ -182,8 +182,8 @@ pub(crate) fn layout(file: &File, options: &OpenOptions) -> Result<RawLayout, Im
 
 /// Raw samples, also under gzip.
 pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportError> {
-    let gzipped = file.bytes.starts_with(&[0x1f, 0x8b]);
-    if gzipped && options.raw.is_none() {
+    let begins_as_gzip = file.bytes.starts_with(&inflate::GZIP);
+    if begins_as_gzip && options.raw.is_none() {
         let inside = format::of_beginning(&inflate::gzip_beginning(&file.bytes, 1024));
         if let Some(format) = inside {
             let feature = format!("{} under gzip is not supported; unpack it first", format.name);
@@ -200,7 +200,8 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportE
             format!("{problem} (dims {x}x{y}x{z} of {sample_type}); check dims and type"),
         )
     };
-    if gzipped {
+    // Samples may begin like gzip.
+    if begins_as_gzip && file.bytes.len() != expected {
         let bytes = inflate::can_hold(file.bytes.len(), expected)
             .and_then(|()| inflate::within(expected, options.max_memory))
             .and_then(|()| inflate::gunzip(&file.bytes, expected))

@@ -26,6 +26,15 @@ fn every_type_in_both_orders_by_option_and_by_name() {
 }
 
 #[test]
+fn samples_may_begin_like_gzip() {
+    let folder = Folder::new();
+    let samples = [0x1f, 0x8b, 8, 0, 5, 6, 7, 8];
+    let opened = folder.volume("a_2x2x2_u8.raw", samples);
+    assert_eq!(opened.value([0, 0, 0]), 31.0);
+    assert_eq!(opened.value([1, 1, 1]), 8.0);
+}
+
+#[test]
 fn gzip_of_several_members_is_one_volume() {
     let samples = corner_marked();
     let (front, back) = samples.split_at(7);
