@@ -54,8 +54,8 @@ impl Gather {
         let Self { cloud, .. } = self;
         let origin = if cloud.positions.is_empty() { point.position.trunc() } else { cloud.origin };
         let position = (point.position - origin).as_vec3();
-        let color = !cloud.colors.is_some() || point.color.iter().all(|c| c.is_finite());
-        let intensity = !cloud.intensities.is_some() || point.intensity.is_finite();
+        let color = cloud.colors.is_none() || point.color.iter().all(|c| c.is_finite());
+        let intensity = cloud.intensities.is_none() || point.intensity.is_finite();
         if !(position.is_finite() && color && intensity) {
             self.not_finite += 1;
             return;
@@ -73,6 +73,11 @@ impl Gather {
     /// The largest of all colours' channels; 0 without any.
     pub(crate) fn brightest(&self) -> f32 {
         self.cloud.colors.iter().flatten().flatten().copied().fold(0.0, f32::max)
+    }
+
+    /// The smallest of all colours' channels, if that is below 0.
+    pub(crate) fn darkest(&self) -> f32 {
+        self.cloud.colors.iter().flatten().flatten().copied().fold(0.0, f32::min)
     }
 
     /// Makes display-encoded colours linear, `white` being the value of the brightest; without one they are none.

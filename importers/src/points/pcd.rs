@@ -8,7 +8,7 @@
 
 use super::{Gather, Has, Point, lzf};
 use crate::Endian;
-use crate::file::File;
+use crate::file::{File, quoted};
 use crate::scalar::Scalar;
 use crate::{ImportError, OpenOptions, Opened, Place, inflate};
 use glam::{DVec3, Vec3};
@@ -19,6 +19,12 @@ enum Encoding {
     Binary,
     Compressed,
 }
+
+/// Bytes of a header line, at most: its words take more memory than it has bytes.
+const LINE: usize = 1 << 16;
+
+/// Values of a point, at most, in text.
+const MOST_VALUES: usize = 1 << 16;
 
 /// Some values of each point.
 struct Field {
@@ -58,16 +64,17 @@ impl Header {
         for (index, line) in file.bytes.split_inclusive(|&b| b == b'\n').enumerate() {
             at += line.len();
             let malformed = |problem: String| file.malformed(Place::Line(index + 1), problem);
-            let Ok(text) = std::str::from_utf8(line) else {
-                return Err(malformed("a line of the header is not text".into()));
+            let Some(text) = std::str::from_utf8(line).ok().filter(|text| text.len() <= LINE) else {
+                return Err(malformed(format!("a line of the header must be text of at most {LINE} bytes")));
             };
             let mut words = text.split_whitespace();
             let Some(key) = words.next().filter(|key| !key.starts_with('#')) else { continue };
             let rest: Vec<&str> = words.collect();
             let number = |rest: &[&str]| match rest {
-                [word] => {
-                    word.parse::<usize>().map(Some).map_err(|_| malformed(format!("{word:?} is no number")))
-                }
+                [word] => word
+                    .parse::<usize>()
+                    .map(Some)
+                    .map_err(|_| malformed(format!("{} is no number", quoted(word)))),
                 _ => Err(malformed(format!("{key} has one number"))),
             };
             match key {
@@ -116,7 +123,7 @@ impl Header {
                     let viewpoint = viewpoint.filter(|viewpoint| viewpoint.is_finite());
                     return Ok(Self { fields, points, viewpoint, encoding, body: (at, index + 2) });
                 }
-                _ => return Err(malformed(format!("{key:?} is not a word of a PCD header"))),
+                _ => return Err(malformed(format!("{} is not a word of a PCD header", quoted(key)))),
             }
         }
         Err(file.malformed(Place::Whole, "the header has no DATA line"))
@@ -301,6 +308,10 @@ impl Header {
 
     fn text(&self, file: &File, wanted: &Wanted<'_>, gather: &mut Gather) -> Result<(), ImportError> {
         let per_row = self.fields.iter().map(|field| field.count).sum::<usize>();
+        if per_row > MOST_VALUES {
+            let feature = format!("{per_row} values of each point; at most {MOST_VALUES} are read from text");
+            return Err(file.unsupported(Place::Whole, feature));
+        }
         let lines = file.bytes[self.body.0..].split(|&b| b == b'\n').map(<[u8]>::trim_ascii).enumerate();
         let mut rows = lines.filter(|(_, line)| !line.is_empty());
         for row in 0..self.points {
@@ -309,10 +320,10 @@ impl Header {
                 return Err(file.malformed(Place::Whole, problem));
             };
             let place = Place::Line(self.body.1 + index);
-            let words: Vec<&[u8]> =
-                line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()).collect();
+            let split = || line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
+            let words: Vec<&[u8]> = split().take(per_row + 1).collect();
             if words.len() != per_row {
-                let problem = format!("{} values; each point has {per_row}", words.len());
+                let problem = format!("{} values; each point has {per_row}", split().count());
                 return Err(file.malformed(place, problem));
             }
             let word = |field: &Field| std::str::from_utf8(words[field.values_before]).ok();

@@ -9,19 +9,16 @@
 //! |---|---|
 //! | 3 | x y z |
 //! | 4 | x y z intensity |
-//! | 6 | x y z red green blue; or a normal, where one of the last three is negative anywhere |
+//! | 6 | x y z red green blue; or a normal, in files named `.xyzn` and where one of the last three is negative anywhere |
 //! | 7 | x y z intensity red green blue (PTS) |
 //! | 9 | x y z red green blue, and a normal |
 //!
-//! Colours are sRGB-encoded. White is 1 where none is above 1, else 255, else 65535.
+//! Colours are sRGB-encoded; a negative one is refused, since the columns are others then. White is 1 where none is above 1, else 255, else 65535.
 
 use super::{Gather, Has, Point};
-use crate::file::File;
+use crate::file::{File, quoted};
 use crate::{ImportError, Note, Opened, Place};
 use glam::{DVec3, Vec3};
-
-/// The fewest bytes of a line with a point: three digits and what ends them.
-const SHORTEST: usize = 6;
 
 /// The most columns of a line that is understood.
 const COLUMNS: usize = 9;
@@ -45,10 +42,11 @@ pub(crate) fn read(file: &File) -> Result<Opened, ImportError> {
         })?;
     }
     let columns = first.length;
+    let named_normals = file.path.extension().is_some_and(|name| name.eq_ignore_ascii_case("xyzn"));
     let (intensity, color, normal) = match columns {
         3 => (None, None, None),
         4 => (Some(3), None, None),
-        6 if any_negative(&rows, &first)? => (None, None, Some(3)),
+        6 if named_normals || any_negative(&rows, &first)? => (None, None, Some(3)),
         6 => (None, Some(3), None),
         7 => (Some(3), Some(4), None),
         9 => (None, Some(3), Some(6)),
@@ -63,8 +61,10 @@ pub(crate) fn read(file: &File) -> Result<Opened, ImportError> {
         normals: normal.is_some(),
         radii: false,
     };
-    let most = text.iter().filter(|&&b| b == b'\n').count() + 1;
-    let mut gather = Gather::new(most.min(text.len() / SHORTEST + 1), has);
+    // At least a digit for each value and what ends it.
+    let most = text.len() / (2 * columns) + 1;
+    let lines = text.iter().filter(|&&b| b == b'\n').count() + 1;
+    let mut gather = Gather::new(most.min(lines), has);
     let mut count = 0_usize;
     let mut next = Some((line, first));
     while let Some((line, row)) = next {
@@ -87,13 +87,20 @@ pub(crate) fn read(file: &File) -> Result<Opened, ImportError> {
         let problem = format!("{declared} points are said to follow; {count} do");
         return Err(file.malformed(Place::Line(line), problem));
     }
-    if normal == Some(3) {
+    if normal == Some(3) && !named_normals {
         let what =
             "the last three of six columns are normals, since one is negative; otherwise they are colours";
         gather.notes.push(Note::Assumed(what.into()));
     }
     if has.colors {
-        let brightest = gather.brightest();
+        let (darkest, brightest) = (gather.darkest(), gather.brightest());
+        if darkest < 0.0 {
+            let problem = format!(
+                "a colour is {darkest}; {columns} columns are taken for {}",
+                if columns == 7 { "x y z intensity r g b" } else { "x y z r g b and a normal" }
+            );
+            return Err(file.malformed(Place::Whole, problem));
+        }
         let white = [1.0, 255.0, 65535.0].into_iter().find(|&white| brightest <= white);
         let white = white.ok_or_else(|| {
             file.malformed(Place::Whole, format!("a colour is {brightest}; they go up to 1, 255 or 65535"))
@@ -136,7 +143,7 @@ impl<'a, L: Iterator<Item = (usize, &'a [u8])>> Rows<'a, L> {
             let mut wrong = None;
             for word in line.split(separates).filter(|word| !word.is_empty()) {
                 match std::str::from_utf8(word).ok().and_then(|word| word.parse().ok()) {
-                    None => wrong = wrong.or(Some((row.length, String::from_utf8_lossy(word)))),
+                    None => wrong = wrong.or(Some((row.length, word))),
                     Some(number) if row.length < COLUMNS => row.numbers[row.length] = number,
                     Some(_) => {}
                 }
@@ -147,7 +154,7 @@ impl<'a, L: Iterator<Item = (usize, &'a [u8])>> Rows<'a, L> {
                 None => return Ok(Some((index + 1, row))),
                 Some((0, _)) if first => {}
                 Some((_, word)) => {
-                    let problem = format!("{word:?} is no number");
+                    let problem = format!("{} is no number", quoted(&String::from_utf8_lossy(word)));
                     return Err(self.file.malformed(Place::Line(index + 1), problem));
                 }
             }

@@ -109,6 +109,10 @@ fn what_is_refused() {
     folder.refused("a.pcd", counted("3"), &["ends before point 2 of 3"]);
     folder.refused("a.pcd", counted("99999999999"), &["99999999999 points need at least 24 bytes each"]);
     folder.refused("a.pcd", "VERSION .7\nFIELDS x y z\n", &["no DATA line"]);
+    let many = "FIELDS x ".to_owned() + &"a ".repeat(40_000);
+    refuse("FIELDS x", &many, &["line 3", "text of at most 65536 bytes"]);
+    let wide = ascii().replace("COUNT 1 1 1 1 1 3", "COUNT 1 1 1 1 1 70000") + &" 1".repeat(150_000);
+    folder.refused("a.pcd", wide, &["70009 values of each point; at most 65536"]);
 
     let cut = |bytes: Vec<u8>, by: usize| bytes[..bytes.len() - by].to_vec();
     folder.refused("a.pcd", cut(binary(), 1), &["middle of point 1"]);

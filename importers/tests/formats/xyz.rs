@@ -29,6 +29,8 @@ fn columns_tell_what_they_mean() {
         Some(vec![vec3(0.0, 0.0, 1.0), vec3(0.6, -0.8, 0.0)])
     );
 
+    assert_eq!(read("b.xyzn", "0 0 0 0 0 1").normals, Some(vec![vec3(0.0, 0.0, 1.0)]));
+
     let pts = read("a.pts", "1\n1 2 3 -500 255 128 2\n");
     assert_eq!((pts.colors, pts.intensities), (colors(bytes), Some(vec![-500.0])));
     let all = read("a.txt", "1 2 3 255 128 2 0 0 -1\n");
@@ -62,6 +64,8 @@ fn what_is_refused() {
         ("3\n0 0 0\n1 1 1\n", &["line 1", "3 points are said to follow; 2 do"]),
         ("3\n", &["line 1", "3 points are said to follow; none does"]),
         ("0 0 0 70000 0 0\n", &["a colour is 70000"]),
+        ("0 0 0 1 0 -0.5 0\n", &["a colour is -0.5", "x y z intensity r g b"]),
+        ("0 0 0 0 -1 0 9 9 9\n", &["a colour is -1", "x y z r g b and a normal"]),
     ] {
         folder.refused("a.xyz", text, parts);
     }
