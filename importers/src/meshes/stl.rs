@@ -11,7 +11,7 @@
 //! are the file's: the format names none. Each facet has corners of its own; samplers find shared ones by their place.
 
 use super::geometry::{first_not_finite, mesh};
-use crate::file::File;
+use crate::file::{File, quoted};
 use crate::scalar::numbers;
 use crate::{Content, Endian, ImportError, Note, Opened, Place};
 use glam::{DAffine3, Vec3};
@@ -131,19 +131,20 @@ impl Facets {
                 ("endsolid", None) if in_solid => in_solid = false,
                 ("facet", None) if in_solid => {
                     // Programs write all kinds of numbers here where a facet has no area.
-                    let normal: Vec<f32> = words.skip(1).filter_map(|word| word.parse().ok()).collect();
+                    let normal: Vec<f32> =
+                        words.skip(1).take(4).filter_map(|word| word.parse().ok()).collect();
                     let normal = <[f32; 3]>::try_from(normal).map_or(Vec3::ZERO, Vec3::from_array);
                     open = Some((normal, Vec::new()));
                 }
                 ("outer" | "endloop", Some(_)) => {}
                 ("vertex", Some((_, corners))) => {
-                    let numbers: Option<Vec<f32>> = words.map(|word| word.parse().ok()).collect();
+                    let numbers: Option<Vec<f32>> = words.take(4).map(|word| word.parse().ok()).collect();
                     let corner = numbers.and_then(|numbers| <[f32; 3]>::try_from(numbers).ok());
                     let corner = corner.map(Vec3::from_array).filter(|corner| corner.is_finite());
                     let Some(corner) = corner.filter(|_| corners.len() < 3) else {
                         let problem = format!(
-                            "{:?}: a facet has three corners, each of three finite numbers",
-                            text.trim()
+                            "{}: a facet has three corners, each of three finite numbers",
+                            quoted(text.trim())
                         );
                         return Err(malformed(problem));
                     };
@@ -159,7 +160,7 @@ impl Facets {
                 }
                 (word, _) => {
                     let order = "solid, facet, outer loop, three vertex, endloop, endfacet, endsolid are in this order";
-                    return Err(malformed(format!("{word:?} is not expected here; {order}")));
+                    return Err(malformed(format!("{} is not expected here; {order}", quoted(word))));
                 }
             }
         }
