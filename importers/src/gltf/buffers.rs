@@ -41,6 +41,8 @@ impl<'a> Buffers<'a> {
         let stride = view.byte_stride.map(|stride| stride.0).filter(|&stride| stride > 0);
         let wrong = |problem: String| self.file.malformed(place(), problem);
         let packed = Packed::of(view).map_err(wrong)?;
+        // Elements are as far apart as they were packed, whether or not the view says so too.
+        let stride = packed.as_ref().map(|packed| packed.byte_stride).or(stride);
         // A program that can't unpack takes what lies there for it, if it does.
         if let Some(packed) = packed.filter(|_| meshopt::AVAILABLE || !self.is_there(view.buffer)) {
             if !meshopt::AVAILABLE {

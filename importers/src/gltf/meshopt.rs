@@ -65,12 +65,12 @@ impl Packed {
             return Ok(None);
         };
         let packed = Self::deserialize(value).map_err(|error| format!("{name}: {error}"))?;
-        packed.check(view.byte_length.0).map_err(|problem| format!("{name}: {problem}"))?;
+        packed.check(view).map_err(|problem| format!("{name}: {problem}"))?;
         Ok(Some(packed))
     }
 
     /// The specification's conditions, which the decoders rely on.
-    fn check(&self, view_length: u64) -> Result<(), String> {
+    fn check(&self, view: &View) -> Result<(), String> {
         let Self { byte_stride: stride, count, mode, filter, .. } = *self;
         let strides: &[usize] = match (mode, filter) {
             (Mode::Attributes, Filter::None | Filter::Exponential) => &[],
@@ -88,6 +88,10 @@ impl Packed {
         if mode == Mode::Triangles && !count.is_multiple_of(3) {
             return Err(format!("count is {count}; triangles have a multiple of 3"));
         }
+        if let Some(other) = view.byte_stride.filter(|other| other.0 != stride) {
+            return Err(format!("byteStride is {stride}, but the view's is {}", other.0));
+        }
+        let view_length = view.byte_length.0;
         if (count as u64).checked_mul(stride as u64) != Some(view_length) {
             return Err(format!("{count} elements of {stride} bytes must be the view's {view_length} bytes"));
         }

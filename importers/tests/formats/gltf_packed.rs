@@ -156,6 +156,11 @@ mod unpacked {
         refuse(0, (4, 0, ATTRIBUTES), &["byteStride is 0"]);
         refuse(0, (4, 12, r#""mode":"ZIP""#), &["ZIP"]);
         refuse(0, (4, 12, r#""mode":"ATTRIBUTES","filter":"QUATERNION""#), &["byteStride is 12", "[8]"]);
+        let text = square(EXT, VIEWS, &streams(0));
+        let at = text.windows(15).position(|w| w == br#""byteStride":12"#).unwrap() + 13;
+        let mut other = text;
+        other[at..at + 2].copy_from_slice(b"16");
+        folder.refused("a.glb", other, &["bufferView 0", "byteStride is 12, but the view's is 16"]);
         refuse(0, (99, 12, ATTRIBUTES), &["broken"]);
         refuse(0, (1 << 40, 12, ATTRIBUTES), &["cannot hold"]);
         refuse(1, (7, 2, r#""mode":"TRIANGLES""#), &["count is 7", "multiple of 3"]);
