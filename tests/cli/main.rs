@@ -5,6 +5,7 @@
 mod command_line;
 mod compare;
 mod convert;
+mod data;
 mod place;
 mod render;
 mod scene_files;
