@@ -10,14 +10,15 @@ use tempfile::TempDir;
 /// What compressed files may unpack to.
 const MAX_MEMORY: u64 = 64 << 20;
 
-/// Where files are written, with those beside them that seeds name.
+/// Where files are written, with those beside them that seeds name: `beside` is written with the seeds.
 static FOLDER: LazyLock<TempDir> = LazyLock::new(|| {
     // In memory where there is such a place.
     let shared = Path::new("/dev/shm");
     let folder = if shared.is_dir() { TempDir::new_in(shared) } else { TempDir::new() };
     let folder = folder.expect("a temporary folder can be made");
-    for (name, bytes) in [("a.png", &include_bytes!("../beside/a.png")[..]), ("a.mtl", b"newmtl a\nmap_Kd a.png\n")] {
-        fs::write(folder.path().join(name), bytes).expect("a file can be written");
+    let beside = fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/beside"));
+    for entry in beside.into_iter().flatten().flatten() {
+        fs::copy(entry.path(), folder.path().join(entry.file_name())).expect("a file can be written");
     }
     folder
 });
@@ -38,7 +39,9 @@ pub fn open(name: &str, bytes: &[u8]) {
         }
         Content::Volume(volume) => assert!(volume.index_to_world().is_finite()),
         Content::Points(points) => {
-            assert!(points.origin.is_finite() && points.positions.iter().all(|position| position.is_finite()));
+            assert!(
+                points.origin.is_finite() && points.positions.iter().all(|position| position.is_finite())
+            );
         }
         Content::Splats { splats, .. } => assert!(Cloud::new(splats).is_ok_and(|cloud| !cloud.is_empty())),
     }

@@ -68,13 +68,6 @@ static FORMATS: &[Format] = &[
     Format::new("SPZ", &["spz"], |source, options| spz::read(&source.into_file()?, options))
         .beginning(spz::begins),
     Format::new("KSPLAT", &["ksplat"], |source, _| ksplat::read(&source.into_file()?)),
-    Format::new("LAS", &["las", "laz"], |source, options| las::read(&source.into_file()?, options))
-        .beginning(|bytes| bytes.starts_with(b"LASF")),
-    Format::new("PCD", &["pcd"], |source, options| pcd::read(&source.into_file()?, options))
-        .beginning(|bytes| bytes.starts_with(b"# .PCD")),
-    Format::new("XYZ", &["xyz", "xyzrgb", "xyzn", "pts", "asc", "csv", "txt"], |source, _| {
-        xyz::read(&source.into_file()?)
-    }),
     Format::new("NRRD", &["nrrd", "nhdr"], |source, options| {
         Ok(nrrd::read(&source.into_file()?, options)?.into())
     })

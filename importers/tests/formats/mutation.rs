@@ -166,20 +166,24 @@ fn images() {
     }
 }
 
-/// Where `OBLATE_SEEDS` names a folder, `fuzz/corpus` for one, fuzzing begins with the files that this writes to the folders
-/// of its targets, which are called by the endings of files' names.
+/// Where `OBLATE_SEEDS` names the folder of the fuzz targets, they begin with the files that this writes to `corpus`, and find
+/// those that these name in `beside`. Targets are called by the endings of files' names.
 #[test]
 fn seeds_are_written_for_fuzzing() {
     let Some(folder) = std::env::var_os("OBLATE_SEEDS").map(std::path::PathBuf::from) else { return };
+    let write = |folder: std::path::PathBuf, name: &str, bytes: &[u8]| {
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join(name), bytes).unwrap();
+    };
     for (index, seed) in all().iter().enumerate() {
-        let target = folder.join(seed.name.rsplit('.').next().unwrap());
-        std::fs::create_dir_all(&target).unwrap();
-        std::fs::write(target.join(format!("seed_{index}")), &seed.bytes).unwrap();
+        let target = folder.join("corpus").join(seed.name.rsplit('.').next().unwrap());
+        write(target, &format!("seed_{index}"), &seed.bytes);
+        seed.beside.iter().for_each(|(name, bytes)| write(folder.join("beside"), name, bytes));
     }
 }
 
-#[test]
 /// Images of splats beside the text that names them: in a zip file a checksum would stand before them.
+#[test]
 fn sog_images() {
     let Seed { name, bytes: text, beside } = seeds::sog().remove(1);
     let folder = Folder::new();
