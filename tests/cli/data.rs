@@ -76,7 +76,7 @@ fn every_file_is_drawn_or_refused_for_a_reason() {
             |part: &&str| if part.contains('.') { name.ends_with(part) } else { name.starts_with(part) };
         if COLUMNS.iter().any(|part| name.ends_with(part)) {
             place.run(&args);
-        } else if DRAWN.iter().any(|part| is_drawn(&part)) {
+        } else if DRAWN.iter().any(is_drawn) {
             place.run(&args);
             let picture = levels(&place.path("a.png"));
             let seen = picture.pixels().filter(|pixel| *pixel != &image::Rgba([32, 32, 32, 255])).count();
