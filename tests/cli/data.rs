@@ -1,5 +1,5 @@
-//! Every file of the real data is drawn, or refused for a stated reason. Without `OBLATE_DATA` or `../shared/data` this test
-//! skips, unless `OBLATE_REQUIRE_DATA=1`.
+//! Every file of the real data is drawn, or refused for a stated reason. Without `OBLATE_DATA` or `../shared/data` these tests
+//! skip, unless `OBLATE_REQUIRE_DATA=1`.
 
 use crate::place::{Workplace, levels};
 use std::path::{Path, PathBuf};
@@ -43,6 +43,19 @@ fn reason(name: &str) -> &'static str {
     }
 }
 
+/// The folder of the data, if it is there.
+fn data() -> Option<PathBuf> {
+    let beside = || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data"));
+    let root = std::env::var_os("OBLATE_DATA").map_or_else(beside, PathBuf::from);
+    if root.is_dir() {
+        return Some(root);
+    }
+    let required = std::env::var_os("OBLATE_REQUIRE_DATA").is_some_and(|value| value == "1");
+    assert!(!required, "{} is required", root.display());
+    println!("skipped: {} is not there", root.display());
+    None
+}
+
 /// All files under a folder, as paths relative to it.
 fn files(root: &Path, folder: &Path, found: &mut Vec<String>) {
     for entry in std::fs::read_dir(folder).unwrap() {
@@ -57,13 +70,7 @@ fn files(root: &Path, folder: &Path, found: &mut Vec<String>) {
 
 #[test]
 fn every_file_is_drawn_or_refused_for_a_reason() {
-    let beside = || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data"));
-    let root = std::env::var_os("OBLATE_DATA").map_or_else(beside, PathBuf::from);
-    if !root.is_dir() {
-        let required = std::env::var_os("OBLATE_REQUIRE_DATA").is_some_and(|value| value == "1");
-        assert!(!required, "{} is required", root.display());
-        return println!("skipped: {} is not there", root.display());
-    }
+    let Some(root) = data() else { return };
     let mut names = Vec::new();
     files(&root, &root, &mut names);
     names.sort();
@@ -92,4 +99,35 @@ fn every_file_is_drawn_or_refused_for_a_reason() {
         }
     }
     assert!(drawn >= 36, "only {drawn} files are drawn");
+}
+
+/// Root of the mean squared difference of two pictures, in levels.
+fn difference(a: &image::RgbaImage, b: &image::RgbaImage) -> f64 {
+    let squares = a.iter().zip(b.iter()).map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2));
+    (squares.sum::<f64>() / a.len() as f64).sqrt()
+}
+
+#[test]
+fn a_scene_looks_the_same_in_two_formats_and_much_the_same_in_all_its_levels() {
+    let Some(splats) = data().map(|root| root.join("splats")) else { return };
+    let place = Workplace::new();
+    let draw = |name: &str, options: &[&str]| {
+        let path = splats.join(name);
+        let view = ["render", path.to_str().unwrap(), "--size", "128x128", "--quiet", "-o", "a.png"];
+        place.run(&[&view[..], options].concat());
+        levels(&place.path("a.png"))
+    };
+    let view = ["--eye", "-2,-3,-5", "--target", "0,-1.6,0"];
+    let biker = ["biker.spz", "biker.compressed.ply"].map(|name| draw(name, &view));
+    // Opacities and colours of 8 bits are off by half a level in each; dozens of splats, one behind the other, average out.
+    let found = difference(&biker[0], &biker[1]);
+    assert!(found < 0.5, "{found} levels");
+
+    let view = ["--eye", "1.5,-1.5,-4", "--target", "0,-0.1,0"];
+    let level = |number: &str| draw("playbot/lod-meta.json", &[&view[..], &["--level", number]].concat());
+    let finest = level("0");
+    let found = ["1", "2", "3", "4", "5", "6"].map(|number| difference(&level(number), &finest));
+    // Coarser levels are other splats, trained to look alike from afar: half the number costs about 1.2 times the error. A level in a
+    // wrong place, size or colour would be as far off as no scene at all, 35 levels.
+    assert!(found.windows(2).all(|pair| pair[0] < pair[1] * 1.01) && found[5] < 20.0, "{found:?} levels");
 }
