@@ -7,6 +7,7 @@ mod compare;
 mod convert;
 mod data;
 mod place;
+mod points;
 mod render;
 mod scene_files;
 mod splats;
