@@ -1,6 +1,7 @@
 //! Points as text, a line each: XYZ, XYZRGB, PTS, ASC, and tables with commas or semicolons.
 //!
-//! These formats have no standard. Values are separated by spaces, tabs, commas or semicolons; lines that are empty or begin with
+//! These formats have no standard. Values are separated by spaces, tabs, commas or semicolons (commas between digits beside
+//! other separators are refused: they may be decimal ones); lines that are empty or begin with
 //! `#` or `//` are skipped, and so is the first other line if it doesn't begin with a number: it names the columns, and is
 //! not understood. A first line of one whole number is the number of points (PTS), which must be right. How many columns there
 //! are, the same in all lines, tells what they mean:
@@ -150,6 +151,11 @@ impl<'a, L: Iterator<Item = (usize, &'a [u8])>> Rows<'a, L> {
                 row.length += 1;
             }
             match wrong {
+                None if has_decimal_commas(line) => {
+                    let problem =
+                        "commas between digits beside other separators: decimals are written with points";
+                    return Err(self.file.malformed(Place::Line(index + 1), problem));
+                }
                 None if row.length == 0 => {}
                 None => return Ok(Some((index + 1, row))),
                 Some((0, _)) if first => {}
@@ -162,6 +168,13 @@ impl<'a, L: Iterator<Item = (usize, &'a [u8])>> Rows<'a, L> {
         }
         Ok(None)
     }
+}
+
+/// Whether commas stand between digits although something else separates numbers: `1,5;2,5` would be four numbers.
+fn has_decimal_commas(line: &[u8]) -> bool {
+    let between = |part: &[u8]| part[0].is_ascii_digit() && part[1] == b',' && part[2].is_ascii_digit();
+    let words = || line.split(|b| b.is_ascii_whitespace() || *b == b';').filter(|word| !word.is_empty());
+    line.contains(&b',') && words().nth(1).is_some() && line.windows(3).any(between)
 }
 
 /// Whether one of the last three of six columns is negative anywhere.

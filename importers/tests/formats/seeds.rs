@@ -218,7 +218,7 @@ pub(crate) fn pcd() -> Vec<Seed> {
 
 pub(crate) fn xyz() -> Vec<Seed> {
     let pts = "2\n1 2 3 -500 255 128 2\n2 2 2 7 0 0 0\n";
-    vec![alone("a.xyz", "x y z\n0 1 2\n# a\n3,4;5\n"), alone("a.pts", pts)]
+    vec![alone("a.xyz", "x y z\n0 1 2\n# a\n3, 4;5\n"), alone("a.pts", pts)]
 }
 
 pub(crate) fn points() -> Vec<Seed> {

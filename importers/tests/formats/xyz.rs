@@ -19,6 +19,8 @@ fn columns_tell_what_they_mean() {
     assert_eq!(far.positions, [vec3(0.125, 0.5, 0.25), vec3(1.0, 1.0, 1.0)]);
     assert_eq!(far.intensities, Some(vec![7.0, 9.0]));
 
+    assert_eq!(read("b.csv", "1, 2, 3\n1,2,-3\n").positions[1], vec3(0.0, 0.0, -6.0));
+
     let colors = |values: [f32; 3]| Some(vec![values.map(srgb_to_linear)]);
     let bytes = [1.0, 128.0 / 255.0, 2.0 / 255.0];
     assert_eq!(read("a.csv", "x,y,z,r,g,b\n0,0,0,255,128,2\n").colors, colors(bytes));
@@ -64,6 +66,8 @@ fn what_is_refused() {
         ("3\n0 0 0\n1 1 1\n", &["line 1", "3 points are said to follow; 2 do"]),
         ("3\n", &["line 1", "3 points are said to follow; none does"]),
         ("0 0 0 70000 0 0\n", &["a colour is 70000"]),
+        ("0 0 0\n4500000,125;5500000,5;300,25\n", &["line 2", "commas between digits"]),
+        ("1,5 2,5 3,5\n", &["line 1", "commas between digits"]),
         ("0 0 0 1 0 -0.5 0\n", &["a colour is -0.5", "x y z intensity r g b"]),
         ("0 0 0 0 -1 0 9 9 9\n", &["a colour is -1", "x y z r g b and a normal"]),
     ] {
