@@ -13,6 +13,19 @@ pub(crate) const LARGEST_LOG_SCALE: f32 = 40.0;
 /// Sums of harmonics with coefficients of this size, decoded to linear, are in the range of single precision.
 const LARGEST_COLOR: f32 = 1e12;
 
+/// The spherical harmonic of degree 0, √(1/4π).
+const CONSTANT_HARMONIC: f32 = 0.282_094_8;
+
+/// The display-encoded colour that coefficients of the constant harmonic make.
+pub(crate) fn color(constant: [f32; 3]) -> [f32; 3] {
+    constant.map(|coefficient| 0.5 + CONSTANT_HARMONIC * coefficient)
+}
+
+/// The coefficients of the constant harmonic that make a display-encoded colour.
+pub(crate) fn constant(color: [f32; 3]) -> [f32; 3] {
+    color.map(|display| (display - 0.5) / CONSTANT_HARMONIC)
+}
+
 /// A trained splat, in the words of its training. Axes are the file's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Trained {
