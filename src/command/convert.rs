@@ -82,7 +82,9 @@ pub(crate) fn run(args: ConvertArgs) -> Result<()> {
     })?;
     if target.up() != up && !target.holds_volumes() {
         let [up, custom] = [up, target.up()].map(axis);
-        let text = format!("that {up} is up: axes are as they were, but programs take {custom} for up in such files");
+        let text = format!(
+            "that {up} is up: axes are as they were, but programs take {custom} for up in such files"
+        );
         notes.push(Note::LeftOut(text));
     }
     for note in &notes {

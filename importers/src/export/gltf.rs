@@ -26,8 +26,7 @@ pub(crate) fn write(splats: &Splats, blend: Blend, out: &mut dyn Write) -> Resul
     let mut notes = records.left_out(blend, &Words { compensated: false, linear: true });
     let harmonics = if blend == Blend::Display { records.per_splat } else { 0 };
     if harmonics < records.per_splat {
-        let what =
-            "harmonics: those of oblate are sums of display-encoded colours, the file's would be of linear ones";
+        let what = "harmonics: those of oblate are sums of display-encoded colours, the file's would be of linear ones";
         notes.push(Note::LeftOut(what.into()));
     }
     let (description, binary) = describe(splats, blend, harmonics)?;

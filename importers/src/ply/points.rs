@@ -2,7 +2,7 @@
 
 use super::body::Body;
 use super::header::{Element, Header, Kind, Property};
-use crate::file::File;
+use crate::file::{File, quoted};
 use crate::points::{Gather, Has, Point};
 use crate::{ImportError, Note, Opened, Place};
 use glam::{DVec3, Vec3};
@@ -82,7 +82,7 @@ pub(super) fn read(file: &File, header: &Header, element: &Element) -> Result<Op
     })?;
     gather.decode_colors(Some(white.unwrap_or(1.0) as f32));
     for other in header.elements.iter().filter(|other| other.name != element.name && other.rows > 0) {
-        gather.notes.push(Note::LeftOut(format!("{} rows of element {:?}", other.rows, other.name)));
+        gather.notes.push(Note::LeftOut(format!("{} rows of element {}", other.rows, quoted(&other.name))));
     }
     gather.finish(file)
 }

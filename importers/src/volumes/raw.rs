@@ -182,7 +182,7 @@ pub(crate) fn layout(file: &File, options: &OpenOptions) -> Result<RawLayout, Im
 
 /// Raw samples, also under gzip.
 pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportError> {
-    let gzipped = file.bytes.starts_with(&[0x1f, 0x8b]);
+    let gzipped = file.bytes.starts_with(&inflate::GZIP);
     if gzipped && options.raw.is_none() {
         let inside = format::of_beginning(&inflate::gzip_beginning(&file.bytes, 1024));
         if let Some(format) = inside {
