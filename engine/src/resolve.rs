@@ -35,9 +35,20 @@ impl Resolver<'_> {
         rows: &mut FrameRows,
     ) {
         let background = self.background(simd);
+        let empty = self.color(simd, Seeing::load(simd, &Seen::CLEAR), background);
         for block in tile.visible_blocks() {
             let seen = self.block(simd, tile, block, (cuts, runs));
-            let color = self.color(simd, seen, background);
+            // Most blocks of many pictures show nothing.
+            let is_empty = !seen.opacity.simd_gt(W::simd_from(simd, 0.0)).any_true();
+            let color = if is_empty {
+                empty
+            } else {
+                apart(
+                    simd,
+                    #[inline(always)]
+                    || self.color(simd, seen, background),
+                )
+            };
             let [columns, height] = tile.visible(block);
             let [left, top] = tile.corner(block);
             let place = |row: usize| rows.place(tile.origin[0] + left, top + row);

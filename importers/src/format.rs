@@ -90,7 +90,7 @@ static FORMATS: &[Format] = &[
         .beginning(dicom_data_set::is_dicom),
     // After DICOM, whose preamble may be a TIFF's beginning.
     Format::new("TIFF", &["tif", "tiff"], |source, options| tiff::read(&source.into_file()?, options))
-        .beginning(|bytes| TIFF.iter().any(|beginning| bytes.starts_with(*beginning))),
+        .beginning(|bytes| TIFF.iter().any(|beginning| bytes.starts_with(beginning))),
 ];
 
 static RAW: Format =

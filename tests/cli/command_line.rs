@@ -19,6 +19,9 @@ fn help_lists_every_option_with_its_default() {
         "--spacing",
         "--surfels",
         "--surfel-spacing",
+        "--point-color",
+        "--level",
+        "--max-memory",
         "--shade",
         "--background",
         "--footprint",
@@ -51,6 +54,7 @@ fn help_lists_every_option_with_its_default() {
         "[default: all cores]",
         "[default: 1]",
         "[default: 8]",
+        "[default: 16G]",
         "at most 16 for each pixel of the picture and at most 4 million]",
     ] {
         assert!(flat.contains(default), "{default} is missing");
@@ -83,6 +87,9 @@ fn wrong_options_are_refused_in_one_message_and_leave_no_file() {
         (&["--type", "u8"], "--type is for volumes"),
         (&["--endian", "big"], "--endian is for volumes"),
         (&["--spacing", "1,1,2"], "--spacing is for volumes"),
+        (&["--point-color", "height"], "--point-color is for point clouds"),
+        (&["--level", "1"], "--level is for splats in several levels"),
+        (&["--max-memory", "1x"], "512M or 16G"),
         (&["--spacing", "1,1,0"], "--spacing is 0"),
         (&["-o", "same.png", "--stats", "./same.png"], "--output and --stats name one file"),
         (&["--background", "red"], "RRGGBB"),

@@ -5,7 +5,9 @@
 mod command_line;
 mod compare;
 mod convert;
+mod data;
 mod place;
+mod points;
 mod render;
 mod scene_files;
 mod splats;

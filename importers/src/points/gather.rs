@@ -54,8 +54,8 @@ impl Gather {
         let Self { cloud, .. } = self;
         let origin = if cloud.positions.is_empty() { point.position.trunc() } else { cloud.origin };
         let position = (point.position - origin).as_vec3();
-        let color = !cloud.colors.is_some() || point.color.iter().all(|c| c.is_finite());
-        let intensity = !cloud.intensities.is_some() || point.intensity.is_finite();
+        let color = cloud.colors.is_none() || point.color.iter().all(|c| c.is_finite());
+        let intensity = cloud.intensities.is_none() || point.intensity.is_finite();
         if !(position.is_finite() && color && intensity) {
             self.not_finite += 1;
             return;

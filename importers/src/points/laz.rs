@@ -30,6 +30,9 @@ const POINTS_AT_ONCE: usize = 4096;
 const LEAST_MEAN: u64 = 64;
 const FEW_CHUNKS: usize = 1000;
 
+/// Each extra byte of a point takes tables of 10 kB in each chunk that is being unpacked.
+const MOST_EXTRA: usize = 1024;
+
 /// How the points of a file are compressed.
 struct Compression {
     items: Vec<LazItem>,
@@ -119,6 +122,9 @@ impl Compression {
             }
         };
         let extra = header.record_size - RECORD_SIZES[header.format];
+        if extra > MOST_EXTRA {
+            return Err(format!("{extra} extra bytes for each point; compressed ones may have {MOST_EXTRA}"));
+        }
         let expected = LazItemRecordBuilder::default_for_point_format_id(header.format as u8, extra as u16)
             .map_err(|error| error.to_string())?;
         let versions = if layers { 3..=4 } else { 1..=2 };

@@ -232,8 +232,10 @@ fn what_is_refused() {
     refuse(&put(104, &[0x82]), &laz, &["byte 281", "is not what points of format 2 with 8 extra bytes are"]);
     refuse(&put(281, &[3]), &laz, &["byte 281", "point format 3 cannot be compressed by method 3"]);
     refuse(&put(293, &[255; 4]), &laz, &["chunks of various sizes are not supported"]);
-    refuse(&put(293, &[1, 0, 0, 0, 255]), &laz, &["laszip"]);
+    refuse(&put(315, &[99, 0]), &laz, &["byte 281", "record of laszip", "99"]);
     refuse(&|bytes| bytes.truncate(bytes.len() - 120), &laz, &["break off"]);
+    let wide = File { extra: 1025, chunk: Some(10), points: some(1), ..plain(2, 3) };
+    refuse(&|_| {}, &wide, &["byte 281", "1025 extra bytes for each point", "may have 1024"]);
     let layered = File { chunk: Some(10), ..plain(4, 7) };
     let begin = 375 + 54 + 34 + 6 * 2 + 8;
     refuse(&put(begin + 36, &[31, 0]), &layered, &["31 points are said", "30 points to come"]);

@@ -266,17 +266,15 @@ pub(crate) fn points(encoding: &str) -> Vec<u8> {
     }
     let mut bytes = header.into_bytes();
     bytes.push(7);
-    let rows: [([f64; 2], [f32; 4], [u8; 3], &[u8], [f32; 3]); 2] = [
-        ([-20.5, 1_000_000.25], [3.0, 0.0, 0.0, 2.0], [255, 128, 0], &[2, 0, 1, 0, 2], [5.0, 0.75, 0.5]),
-        ([2.0, 1_000_001.0], [4.0, 0.0, f32::NAN, 2.0], [0, 0, 255], &[0], [5.0, 8.0, f32::NAN]),
-    ];
-    for (place, normal, color, list, rest) in rows {
+    let mut row = |place: [f64; 2], z_and_normal: [f32; 4], color: [u8; 3], list: &[u8], rest: [f32; 3]| {
         bytes.extend(place.iter().flat_map(|v| v.to_be_bytes()));
-        bytes.extend(normal.iter().flat_map(|v| v.to_be_bytes()));
+        bytes.extend(z_and_normal.iter().flat_map(|v| v.to_be_bytes()));
         bytes.extend(color);
         bytes.extend(list);
         bytes.extend(rest.iter().flat_map(|v| v.to_be_bytes()));
-    }
+    };
+    row([-20.5, 1_000_000.25], [3.0, 0.0, 0.0, 2.0], [255, 128, 0], &[2, 0, 1, 0, 2], [5.0, 0.75, 0.5]);
+    row([2.0, 1_000_001.0], [4.0, 0.0, f32::NAN, 2.0], [0, 0, 255], &[0], [5.0, 8.0, f32::NAN]);
     bytes
 }
 
