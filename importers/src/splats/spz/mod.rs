@@ -131,6 +131,9 @@ fn unpack<'a>(file: &'a File, options: &OpenOptions) -> Result<Unpacked<'a>, Imp
         Cow::Owned(owned) => Cow::Owned(owned.split_off(at)),
     };
     let extensions = split(&mut bytes, all as usize);
+    if header.flags & EXTENSIONS == 0 && !extensions.is_empty() {
+        return Err(wrong(format!("{} bytes are left behind its splats", extensions.len())));
+    }
     let body = split(&mut bytes, HEADER);
     Ok(Unpacked { header, columns: vec![body], extensions })
 }
