@@ -1,4 +1,4 @@
-//! Files to meshes, volumes and splats that stand in the world.
+//! Files to meshes, volumes, points and splats that stand in the world.
 
 use crate::check::{Uses, Wrong};
 use crate::description::{ByteOrder, FileOptions, Kind, Look, SampleKind, Source};
@@ -72,18 +72,12 @@ pub(crate) fn load(source: Source, given: &FileOptions, console: Console) -> Res
 
 /// Reads a file and says which options it had a use for.
 pub(crate) fn open(path: &Path, options: &FileOptions, console: Console) -> Result<(Opened, Uses)> {
-    // Formats without a fixed beginning are known by name alone, so `--dims` for a volume beside such a file must not make
-    // it a raw one.
-    let named = |names: &[&str]| {
-        path.extension().is_some_and(|e| names.iter().any(|name| e.eq_ignore_ascii_case(name)))
-    };
-    let by_name = named(&["obj", "stl", "splat", "xyz", "pts", "txt", "csv"]);
     let layout = |dims| RawLayout {
         dims,
         sample_type: options.sample_type.unwrap_or_default().into(),
         endian: options.endian.unwrap_or_default().into(),
     };
-    let raw = options.dims.filter(|_| !by_name).map(layout);
+    let raw = options.dims.map(layout);
     let mut settings = OpenOptions {
         raw,
         spacing: options.spacing.map(DVec3::from),

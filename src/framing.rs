@@ -46,9 +46,11 @@ impl View {
         let outward = match eye {
             Some(eye) => eye - target.unwrap_or(middle),
             None => {
-                let up = up_given.unwrap_or(up).normalize_or(DVec3::Y);
+                let custom = up;
+                let up = up_given.unwrap_or(custom).normalize_or(DVec3::Y);
                 // What a viewer says of up is about the picture; custom is about the thing.
-                let on_its_head = up_given.is_some() && up.y + up.z < 0.0;
+                let against = up.dot(custom);
+                let on_its_head = against < 0.0 || (against == 0.0 && up.y + up.z < 0.0);
                 three_quarter(up, if on_its_head { -up } else { up })
             }
         };
@@ -248,6 +250,25 @@ mod tests {
                 assert!((outward.dot(up.cross(front)) - 0.55).abs() < 1e-12);
             }
         }
+    }
+
+    #[test]
+    fn custom_that_is_said_changes_nothing() {
+        let points = cube(-1.0, 2.0);
+        for up in [DVec3::Y, DVec3::Z, DVec3::NEG_Y] {
+            let said = CameraOptions { up: Some(up.to_array()), ..CameraOptions::default() };
+            assert_eq!(complete(&said, &points, up), complete(&CameraOptions::default(), &points, up));
+            // Upside down the same side is seen.
+            let turned = CameraOptions { up: Some((-up).to_array()), ..CameraOptions::default() };
+            let [upright, turned] = [said, turned].map(|options| complete(&options, &points, up));
+            let front = DVec3::X.cross(up);
+            assert!((upright.eye - upright.target).dot(front) > 0.0);
+            assert!((turned.eye - turned.target).dot(front) > 0.0);
+        }
+        // Where custom says nothing of it, −z is down.
+        let down = CameraOptions { up: Some([0.0, 0.0, -1.0]), ..CameraOptions::default() };
+        let view = complete(&down, &points, DVec3::Y);
+        assert!((view.eye - view.target).y < 0.0);
     }
 
     #[test]

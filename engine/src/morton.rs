@@ -11,14 +11,18 @@ impl Splats {
     /// The same splats ordered along a Morton curve through the box of their centres, equal places as they were.
     ///
     /// Every picture of them is the same; it is drawn faster, since culling looks at consecutive splats together,
-    /// and what is near in the picture is near in memory. Arrays of a wrong length and centres that are not finite
-    /// are left for [`crate::Cloud::new`] to refuse.
+    /// and what is near in the picture is near in memory. Arrays of a wrong length, centres that are not finite and more
+    /// splats than ids can name are left for [`crate::Cloud::new`] to refuse.
     ///
     /// Beside the arrays it takes 16 bytes for each splat.
     #[must_use]
     pub fn in_morton_order(mut self) -> Self {
+        // Indices and the mark between cycles have 32 bits.
+        if self.centers.len() >= END as usize || !self.has_even_lengths() {
+            return self;
+        }
         let order = morton_order(&self.centers);
-        if order.is_sorted() || !self.has_even_lengths() {
+        if order.is_sorted() {
             return self;
         }
         let cycles = &cycles(order);

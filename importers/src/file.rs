@@ -1,8 +1,8 @@
 //! A file in memory that knows its name, so that errors can say it.
 
+use crate::source::regular;
 use crate::{ImportError, Place};
-use std::fs;
-use std::io;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 /// A file's bytes and path.
@@ -14,7 +14,7 @@ pub(crate) struct File {
 impl File {
     /// Reads a regular file.
     pub(crate) fn read(path: &Path) -> Result<Self, ImportError> {
-        match regular(path) {
+        match all(path) {
             Ok(bytes) => Ok(Self { path: path.to_owned(), bytes }),
             Err(source) => Err(ImportError::Read { path: path.to_owned(), source }),
         }
@@ -27,7 +27,7 @@ impl File {
         // Files made on Windows name others with its separator.
         let portable = folder.join(name.replace('\\', "/"));
         let named = if as_written.exists() { as_written } else { portable };
-        match regular(&named) {
+        match all(&named) {
             Ok(bytes) => Ok(Self { path: named, bytes }),
             Err(source) => Err(ImportError::Named { path: self.path.clone(), place, named, source }),
         }
@@ -42,12 +42,13 @@ impl File {
     }
 }
 
-/// The bytes of a regular file: a device or pipe could have no end.
-fn regular(path: &Path) -> io::Result<Vec<u8>> {
-    if !fs::metadata(path)?.is_file() {
-        return Err(io::Error::other("not a regular file"));
-    }
-    fs::read(path)
+/// The bytes of a regular file.
+fn all(path: &Path) -> io::Result<Vec<u8>> {
+    let (mut handle, length) = regular(path)?;
+    let mut bytes = Vec::new();
+    bytes.try_reserve_exact(usize::try_from(length).map_err(io::Error::other)?).map_err(io::Error::other)?;
+    handle.read_to_end(&mut bytes)?;
+    Ok(bytes)
 }
 
 /// Text of a file in quotes for a message: its beginning, where it is long.

@@ -103,18 +103,15 @@ static RAW: Format =
 /// In both byte orders, and BigTIFF.
 const TIFF: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
 
-/// The format of a file, of whose bytes only the beginning may be there: by that; else raw where the caller `says_raw`;
-/// else by name; else OBJ where the text looks like it, which has no fixed beginning; else raw.
+/// The format of a file, of whose bytes only the beginning may be there: by that; else by name; else raw where the caller
+/// `says_raw`; else OBJ where the text looks like it, which has no fixed beginning; else raw.
 pub(crate) fn of(file: &File, says_raw: bool) -> &'static Format {
     if let Some(format) = of_beginning(&file.bytes) {
         return format;
     }
-    if says_raw {
-        return &RAW;
-    }
     let extension = file.path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     let named = |format: &&Format| format.extensions.contains(&extension.as_str());
-    let looks_like = |format: &&Format| format.name == "OBJ" && looks_like_obj(&file.bytes);
+    let looks_like = |format: &&Format| !says_raw && format.name == "OBJ" && looks_like_obj(&file.bytes);
     let other = || FORMATS.iter().find(looks_like).unwrap_or(&RAW);
     FORMATS.iter().chain([&RAW]).find(named).unwrap_or_else(other)
 }

@@ -1,4 +1,4 @@
-//! Files to meshes, volumes and splats.
+//! Files to meshes, volumes, points and splats, and splats and volumes to [files](export).
 //!
 //! [`open`] tells formats by what a file holds, then by its name:
 //!
@@ -29,7 +29,7 @@
 //! the bytes that are there before anything is allocated, decompression stops at the size that is
 //! expected, indices and offsets are checked, and what is wrong is an [`ImportError`] that says where.
 //!
-//! Meshes and splats keep the axes of their file; glTF's are oblate's (+Y up, right-handed). Volumes keep the frame of
+//! Meshes, points and splats keep the axes of their file (but [`splats::spz`]); glTF's are oblate's (+Y up, right-handed). Volumes keep the frame of
 //! their file, whatever it calls its axes; samples are voxel centres.
 
 mod content;
@@ -62,7 +62,7 @@ use volumes::slices;
 /// What a caller knows that a file may not say.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OpenOptions {
-    /// How raw samples lie in the file; also makes a file without a known beginning a raw one.
+    /// How raw samples lie in the file; also makes a file a raw one that neither its beginning nor its name tells.
     pub raw: Option<RawLayout>,
     /// Distance between samples along a volume's axes, in place of the file's; meshes don't heed it.
     pub spacing: Option<DVec3>,
@@ -72,7 +72,7 @@ pub struct OpenOptions {
     pub level: Option<u32>,
     /// Bytes that a compressed file may unpack to, at most.
     pub max_memory: u64,
-    /// Is told how far reading has come.
+    /// Is told how far reading the file itself has come.
     pub watch: Option<Watch>,
 }
 

@@ -10,7 +10,7 @@ use std::path::Path;
 /// Bytes of the beginning: formats are told by it, and headers that readers of parts of a file need lie in it.
 const HEAD: usize = 1 << 20;
 
-/// Bytes that are read between two calls of a watch.
+/// Bytes that are read at a time, where all are.
 const BLOCK: u64 = 8 << 20;
 
 /// An open file.
@@ -95,7 +95,7 @@ impl Source {
 }
 
 /// A regular file and its size: a device or pipe could have no end.
-fn regular(path: &Path) -> io::Result<(fs::File, u64)> {
+pub(crate) fn regular(path: &Path) -> io::Result<(fs::File, u64)> {
     let metadata = fs::metadata(path)?;
     if !metadata.is_file() {
         return Err(io::Error::other("not a regular file"));

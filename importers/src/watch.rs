@@ -6,8 +6,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// What is told how far a read has come: bytes done, and bytes in all.
 ///
-/// It is called a few times for each second of work, from any thread; calls from several threads may overtake one
-/// another. The last one has both numbers equal.
+/// The bytes are those of the file that is opened: neither of files that it names, nor of what it unpacks to, and of a
+/// folder nothing is told. It is called every few megabytes, from any thread; calls from several threads may overtake one
+/// another. When all is read, a call has both numbers equal.
 #[derive(Clone)]
 pub struct Watch(Arc<Told>);
 
@@ -34,6 +35,9 @@ impl PartialEq for Watch {
     }
 }
 
+/// Bytes between two calls.
+const STEP: u64 = 4 << 20;
+
 /// How far a read has come.
 #[derive(Debug)]
 pub(crate) struct Progress {
@@ -49,8 +53,11 @@ impl Progress {
 
     /// Counts bytes that were read.
     pub(crate) fn add(&self, bytes: usize) {
-        let done = self.done.fetch_add(bytes as u64, Ordering::Relaxed) + bytes as u64;
-        self.tell(done);
+        let before = self.done.fetch_add(bytes as u64, Ordering::Relaxed);
+        let done = before + bytes as u64;
+        if before / STEP < done / STEP {
+            self.tell(done);
+        }
     }
 
     /// Nothing more will be read.

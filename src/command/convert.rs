@@ -9,7 +9,7 @@ use crate::output::Output;
 use crate::progress::Console;
 use anyhow::{Context, Result, anyhow, ensure};
 use clap::Args;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use oblate::engine::{Blend, Cloud, Splats, Strength};
 use oblate::importers::export::{Target, save};
 use oblate::importers::{Content, Note};
@@ -39,6 +39,9 @@ pub(crate) struct ConvertArgs {
     quiet: bool,
 }
 
+/// By how much of its σ rounding may move a splat.
+const SMALL_MOVE: f64 = 1.0 / 128.0;
+
 /// Surfels of a mesh where nothing is said of them.
 const SURFELS: usize = 500_000;
 
@@ -60,10 +63,15 @@ pub(crate) fn run(args: ConvertArgs) -> Result<()> {
     let (opened, uses) = open(&args.from, &args.file, console)?;
     let used = args.file.check_use(uses).and_then(|()| args.look.check_use(uses));
     used.map_err(|wrong| wrong.option().context(name.clone()))?;
-    let mut notes = opened.notes;
+    let (mut notes, up) = (opened.notes, opened.up);
     let trained = matches!(&opened.content, Content::Splats { splats, .. } if is_trained(splats));
     let target = args.target.map_or_else(|| Target::of(&args.to, trained), Ok)?;
     let content = if target.holds_volumes() {
+        ensure!(
+            args.look == Look::default(),
+            "{name}: {} holds a volume as it is; options on surfaces and colours are for formats of splats",
+            target.name()
+        );
         opened.content
     } else {
         splats(opened.content, &args.look, &mut notes).with_context(|| name.clone())?
@@ -72,6 +80,13 @@ pub(crate) fn run(args: ConvertArgs) -> Result<()> {
         notes.extend(save(&content, target, file)?);
         Ok(())
     })?;
+    if target.up() != up && !target.holds_volumes() {
+        let [up, custom] = [up, target.up()].map(axis);
+        let text = format!(
+            "that {up} is up: axes are as they were, but programs take {custom} for up in such files"
+        );
+        notes.push(Note::LeftOut(text));
+    }
     for note in &notes {
         console.say(format_args!("{name}: {note}"));
     }
@@ -81,6 +96,13 @@ pub(crate) fn run(args: ConvertArgs) -> Result<()> {
     };
     console.say(format_args!("wrote {} as {}{count}", args.to.display(), target.name()));
     Ok(())
+}
+
+/// The name of an axis of either sign.
+fn axis(direction: DVec3) -> String {
+    let names = ["x", "y", "z"];
+    let sign = if direction.element_sum() < 0.0 { '−' } else { '+' };
+    format!("{sign}{}", names[direction.abs().max_position()])
 }
 
 fn is_trained(splats: &Splats) -> bool {
@@ -114,11 +136,24 @@ fn splats(content: Content, look: &Look, notes: &mut Vec<Note>) -> Result<Conten
         splats => return Ok(splats),
     };
     ensure!(!cloud.is_empty(), "there is nothing visible in it");
+    Ok(Content::Splats { splats: in_place(&cloud, notes), blend: Blend::Linear })
+}
+
+/// The splats of a cloud in world space; relative to the cloud's place, where rounding would move them visibly.
+fn in_place(cloud: &Cloud, notes: &mut Vec<Note>) -> Splats {
+    let mut splats = cloud.splats();
+    // What becomes splats here is moved, but neither turned nor scaled.
     let place = cloud.cloud_to_world().translation;
-    if place != DVec3::ZERO {
+    let sigma = |index| cloud.factor(index).to_cols_array_2d().map(|axis| Vec3::from(axis).length());
+    let sigmas = (0..cloud.len()).map(|index| f64::from(sigma(index).into_iter().fold(0.0, f32::max)));
+    let mean_sigma = sigmas.sum::<f64>() / cloud.len() as f64;
+    let farthest = cloud.bounds().map_or(0.0, |[low, high]| low.abs().max(high.abs()).max_element());
+    if farthest * f64::from(f32::EPSILON) / 2.0 <= SMALL_MOVE * mean_sigma {
+        splats.centers.iter_mut().for_each(|center| *center = (center.as_dvec3() + place).as_vec3());
+    } else {
         // Single precision has no room for places on a map.
-        let text = format!("the place {} that centres are relative to", comma_list(&place.to_array()));
+        let text = format!("the place {}, which centres are relative to", comma_list(&place.to_array()));
         notes.push(Note::LeftOut(text));
     }
-    Ok(Content::Splats { splats: cloud.splats(), blend: Blend::Linear })
+    splats
 }

@@ -95,6 +95,32 @@ fn surfaces_become_surfels() {
 }
 
 #[test]
+fn surfels_stand_where_they_stood() {
+    let place = Workplace::new();
+    place.ball();
+    let ball = std::fs::read(place.path("ball_16x16x16_uint8.raw")).unwrap();
+    let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 16 16 16\nencoding: raw\nspace dimension: 3\n\
+        space directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (100,-50,20)\n\n";
+    place.write("a.nrrd", [header.as_bytes(), &ball].concat());
+    let [_, said] = place.run(&["convert", "a.nrrd", "a.ply", "--iso", "100"]);
+    assert!(!said.contains("place"), "{said}");
+    assert!(said.contains("left out: that +z is up"), "{said}");
+    let view = ["--eye", "130,-30,70", "--target", "107.5,-42.5,27.5", "--up", "0,0,1", "--size", "48x48"];
+    let pictures = [&["a.nrrd", "--iso", "100"][..], &["a.ply"]].map(|file| {
+        place.run(&[&["render", "-o", "a.png"], file, &view].concat());
+        levels(&place.path("a.png"))
+    });
+    // Centres of up to 107 are rounded to 2⁻¹⁸, a hundred-thousandth of a voxel.
+    let found = difference(&pictures[0], &pictures[1]);
+    assert!(found <= 1, "{found} levels");
+    // Half a unit is what single precision has five million units away.
+    let points: String = (0..50).map(|i| format!("{} {} 7\n", 500_000 + i % 7, 5_000_000 + i / 7)).collect();
+    place.write("a.xyz", points);
+    let [_, said] = place.run(&["convert", "a.xyz", "b.ply"]);
+    assert!(said.contains("left out: the place 5000"), "{said}");
+}
+
+#[test]
 fn volumes_go_from_format_to_format() {
     let place = Workplace::new();
     place.ball();
@@ -129,6 +155,7 @@ fn what_does_not_fit_is_refused_and_leaves_no_file() {
         (&["ball_16x16x16_uint8.raw", "b.ply", "--iso", "250"], "nothing"),
         (&["cube.obj", "b.ply", "--iso", "3"], "--iso is for volumes"),
         (&["cube.obj", "b.ply", "--as", "stl"], "formats are surfel-ply, gaussian-ply"),
+        (&["ball_16x16x16_uint8.raw", "b.vti", "--iso", "50"], "holds a volume as it is"),
         (&["missing.obj", "b.ply"], "missing.obj"),
         (&["cube.obj", "nowhere/b.ply"], "cannot write nowhere/b.ply"),
     ] {

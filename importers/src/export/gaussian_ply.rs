@@ -11,10 +11,9 @@
 //!   of a splat without any extent gets e⁻⁴⁰, and no logarithm is beyond ±40.
 
 use super::ExportError;
-use super::records::{Records, bound, bounded};
+use super::records::{Records, Words, bound, bounded};
 use crate::Note;
-use crate::ply::CONSTANT_HARMONIC;
-use crate::splats::{LARGEST_LOG_SCALE, Trained};
+use crate::splats::{LARGEST_LOG_SCALE, Trained, constant};
 use oblate_engine::{Blend, OpacityFilter, Splats};
 use std::io::Write;
 
@@ -51,7 +50,7 @@ pub(crate) fn write(
         row.for_each(|number| bytes.extend(number.to_le_bytes()));
         out.write_all(&bytes)?;
     }
-    let mut notes = Vec::new();
+    let mut notes = records.left_out(blend, &Words { compensated: true, linear: false });
     if certain > 0 {
         notes.push(Note::Rounded(format!("{certain} opacities of 0 or 1, as logits of ±88")));
     }
@@ -60,10 +59,6 @@ pub(crate) fn write(
         notes.push(Note::Rounded(format!("{flat} {what}")));
     }
     notes.extend(bounded(far));
-    if blend == Blend::Linear {
-        let what = "that colours mix in linear light: readers of this format mix them display-encoded";
-        notes.push(Note::LeftOut(what.into()));
-    }
     Ok(notes)
 }
 
@@ -90,12 +85,11 @@ fn header(records: &Records<'_>) -> String {
 fn row(trained: Trained, per_splat: usize) -> impl Iterator<Item = f32> {
     let opacity = f64::from(trained.opacity);
     let logit = (opacity / (1.0 - opacity)).ln().clamp(-LARGEST_LOGIT, LARGEST_LOGIT) as f32;
-    let constant = trained.color.map(|display| (display - 0.5) / CONSTANT_HARMONIC);
     // All of a channel stand together in the file.
     let harmonics = trained.harmonics;
     let rest = (0..3).flat_map(move |channel| (0..per_splat).map(move |number| harmonics[number][channel]));
     let zeros = [0.0; 3];
-    (trained.center.into_iter().chain(zeros).chain(constant).chain(rest))
+    (trained.center.into_iter().chain(zeros).chain(constant(trained.color)).chain(rest))
         .chain([logit])
         .chain(trained.log_scales)
         .chain(trained.rotation)

@@ -6,16 +6,14 @@
 //! opacities that were trained with a compensated filter, and no harmonics that oblate could mean for linear colours.
 
 use super::ExportError;
+use super::records::{Records, Words};
 use crate::Note;
-use crate::splats::trained;
+use crate::splats::{Trained, constant};
 use glam::Vec3;
 use gltf::json::serialize::to_vec;
-use oblate_engine::{Blend, Material, OpacityFilter, Splats, Strength};
+use oblate_engine::{Blend, Splats};
 use serde_json::json;
 use std::io::Write;
-
-/// The spherical harmonic of degree 0, √(1/4π).
-const CONSTANT_HARMONIC: f64 = 0.282_094_791_773_878_1;
 
 const NAME: &str = "KHR_gaussian_splatting";
 
@@ -24,29 +22,13 @@ const ROWS: usize = 4096;
 
 /// Writes splats that have opacities.
 pub(crate) fn write(splats: &Splats, blend: Blend, out: &mut dyn Write) -> Result<Vec<Note>, ExportError> {
-    let Strength::Opacity { filter, .. } = &splats.strength else {
-        let problem = format!("{NAME} holds splats with peak opacities; these have masses or areas");
-        return Err(ExportError::Unsuited(problem));
-    };
-    let mut notes = Vec::new();
-    let mut left_out = |condition: bool, what: &str| {
-        if condition {
-            notes.push(Note::LeftOut(what.into()));
-        }
-    };
-    let of_file = splats.harmonics.as_ref().filter(|_| blend == Blend::Display);
-    left_out(
-        *filter == OpacityFilter::Compensated,
-        "that opacities were trained with a compensated (anti-aliased) filter: the format cannot say it",
-    );
-    left_out(
-        splats.harmonics.is_some() && of_file.is_none(),
-        "harmonics: those of oblate are sums of display-encoded colours, the file's would be of linear ones",
-    );
-    left_out(splats.normals.is_some(), "normals");
-    left_out(splats.material != Material::UNLIT, "how the splats answer light");
-
-    let harmonics = of_file.map_or(0, |harmonics| harmonics.per_splat());
+    let records = Records::new(splats)?;
+    let mut notes = records.left_out(blend, &Words { compensated: false, linear: true });
+    let harmonics = if blend == Blend::Display { records.per_splat } else { 0 };
+    if harmonics < records.per_splat {
+        let what = "harmonics: those of oblate are sums of display-encoded colours, the file's would be of linear ones";
+        notes.push(Note::LeftOut(what.into()));
+    }
     let (description, binary) = describe(splats, blend, harmonics)?;
     let total = 12 + 8 + description.len() as u64 + 8 + binary;
     let too_large =
@@ -60,10 +42,14 @@ pub(crate) fn write(splats: &Splats, blend: Blend, out: &mut dyn Write) -> Resul
     out.write_all(&description)?;
     out.write_all(&(binary as u32).to_le_bytes())?;
     out.write_all(b"BIN\0")?;
-    let count = splats.centers.len();
+    let count = records.count();
     for start in (0..count).step_by(ROWS) {
         let rows = start..count.min(start + ROWS);
-        let numbers = rows.flat_map(|index| row(splats, blend, harmonics, index));
+        let numbers = rows.flat_map(|index| {
+            let record = records.get(index);
+            let color = if blend == Blend::Linear { splats.colors[index] } else { record.color };
+            row(record, color, harmonics)
+        });
         let bytes: Vec<u8> = numbers.flat_map(f32::to_le_bytes).collect();
         out.write_all(&bytes)?;
     }
@@ -71,16 +57,12 @@ pub(crate) fn write(splats: &Splats, blend: Blend, out: &mut dyn Write) -> Resul
 }
 
 /// The numbers of a splat.
-fn row(splats: &Splats, blend: Blend, harmonics: usize, index: usize) -> impl Iterator<Item = f32> {
-    // Opacities were asked for.
-    let record = trained(splats, index).unwrap_or_default();
-    let color = if blend == Blend::Linear { splats.colors[index] } else { record.color };
+fn row(record: Trained, color: [f32; 3], harmonics: usize) -> impl Iterator<Item = f32> {
     let [w, x, y, z] = record.rotation;
     let sigmas = record.log_scales.map(|log| f64::from(log).exp() as f32);
-    let constant = color.map(|c| ((f64::from(c) - 0.5) / CONSTANT_HARMONIC) as f32);
     let rest = record.harmonics.into_iter().take(harmonics).flatten();
     let numbers = record.center.into_iter().chain([x, y, z, w]).chain(sigmas).chain([record.opacity]);
-    numbers.chain(constant).chain(rest)
+    numbers.chain(constant(color)).chain(rest)
 }
 
 /// The JSON chunk, padded, and the length of the binary one.
@@ -88,9 +70,8 @@ fn describe(splats: &Splats, blend: Blend, harmonics: usize) -> Result<(Vec<u8>,
     let count = splats.centers.len();
     let low = splats.centers.iter().copied().reduce(Vec3::min);
     let high = splats.centers.iter().copied().reduce(Vec3::max);
-    let (Some(low), Some(high)) = (low, high) else {
-        return Err(ExportError::Unsuited("there are no splats to write".into()));
-    };
+    // There are splats: that was asked.
+    let (low, high) = (low.unwrap_or_default(), high.unwrap_or_default());
     let own = |name: &str| format!("{NAME}:{name}");
     let mut columns = vec![
         ("POSITION".to_owned(), "VEC3", 3),
@@ -142,7 +123,7 @@ mod tests {
     use super::*;
     use crate::file::File;
     use crate::{Content, OpenOptions};
-    use oblate_engine::{Harmonics, Shapes};
+    use oblate_engine::{Harmonics, Material, OpacityFilter, Shapes, Strength};
     use std::path::PathBuf;
 
     /// Splats in Morton order, in which they come back.
@@ -221,7 +202,7 @@ mod tests {
         splats.normals = Some(vec![Vec3::Z; splats.centers.len()]);
         splats.material = Material::default();
         let (notes, found, _) = there_and_back(&splats, Blend::Linear);
-        let parts = ["compensated", "harmonics", "normals", "light"];
+        let parts = ["compensation", "normals", "light", "harmonics"];
         assert!(
             notes.len() == 4 && notes.iter().zip(parts).all(|(note, part)| note.to_string().contains(part)),
             "{notes:?}"

@@ -23,6 +23,7 @@ mod tests;
 mod vti;
 
 use crate::{Content, Note};
+use glam::DVec3;
 use oblate_engine::cloud::Surface;
 use oblate_engine::{Blend, Material, OpacityFilter, Splats, Strength};
 use samples::Packing;
@@ -100,6 +101,15 @@ impl Target {
         Self::ALL.iter().find(|(target, _)| *target == self).map_or("", |(_, name)| name)
     }
 
+    /// What is up in such a file by custom, as [`crate::Opened::up`] has it when it is read. Writing turns nothing.
+    pub fn up(self) -> DVec3 {
+        match self {
+            Self::GaussianPly | Self::Splat | Self::Spz => DVec3::NEG_Y,
+            Self::SurfelPly | Self::Glb => DVec3::Y,
+            Self::Nrrd | Self::Vti => DVec3::Z,
+        }
+    }
+
     /// Whether it holds volumes; else it holds splats.
     pub fn holds_volumes(self) -> bool {
         matches!(self, Self::Nrrd | Self::Vti)
@@ -153,7 +163,7 @@ fn save_splats(
     };
     let notes = match target {
         Target::GaussianPly => gaussian_ply::write(&gaussians, blend, out),
-        Target::Splat => splat::write(&gaussians, out),
+        Target::Splat => splat::write(&gaussians, blend, out),
         Target::Spz => spz::write(&gaussians, blend, out),
         _ => gltf::write(&gaussians, blend, out),
     }?;

@@ -3,7 +3,7 @@
 use super::ExportError;
 use crate::Note;
 use crate::splats::{LARGEST_LOG_SCALE, Trained, trained};
-use oblate_engine::{OpacityFilter, Shapes, Splats, Strength};
+use oblate_engine::{Blend, Material, OpacityFilter, Shapes, Splats, Strength};
 
 /// Splats with opacities, whose arrays have one length.
 pub(crate) struct Records<'a> {
@@ -15,13 +15,16 @@ pub(crate) struct Records<'a> {
 
 impl<'a> Records<'a> {
     /// # Errors
-    /// For splats with other strengths, and arrays that aren't of one length.
+    /// For splats with other strengths, no splats at all, and arrays that aren't of one length.
     pub(crate) fn new(splats: &'a Splats) -> Result<Self, ExportError> {
         let unsuited = |what: &str| Err(ExportError::Unsuited(what.into()));
         let Strength::Opacity { peaks, filter } = &splats.strength else {
             return unsuited("splats of this format have peak opacities; these have masses or areas instead");
         };
         let count = splats.centers.len();
+        if count == 0 {
+            return unsuited("there are no splats to write");
+        }
         let shapes = match &splats.shapes {
             Shapes::Shared(_) => count,
             Shapes::Each(factors) => factors.len(),
@@ -47,6 +50,34 @@ impl<'a> Records<'a> {
     pub(crate) fn get(&self, index: usize) -> Trained {
         // Peaks are opacities: this was asked.
         trained(self.splats, index).unwrap_or_default()
+    }
+}
+
+/// What a format has words for, beside the numbers of trained splats.
+pub(crate) struct Words {
+    /// That opacities were trained with compensation.
+    pub(crate) compensated: bool,
+    /// That colours mix in linear light.
+    pub(crate) linear: bool,
+}
+
+impl Records<'_> {
+    /// What a format has no words for.
+    pub(crate) fn left_out(&self, blend: Blend, words: &Words) -> Vec<Note> {
+        let compensated = self.filter == OpacityFilter::Compensated;
+        let all = [
+            (
+                compensated && !words.compensated,
+                "that opacities were trained with compensation for the pixel's filter, which the format cannot say",
+            ),
+            (
+                blend == Blend::Linear && !words.linear,
+                "that colours mix in linear light: readers of this format mix them display-encoded",
+            ),
+            (self.splats.normals.is_some(), "normals"),
+            (self.splats.material != Material::UNLIT, "how the splats answer light"),
+        ];
+        all.into_iter().filter(|(is, _)| *is).map(|(_, what)| Note::LeftOut(what.into())).collect()
     }
 }
 

@@ -70,7 +70,6 @@ pub(crate) mod tests {
         .collect()
     }
 
-    /// Frames that turn, mirror and shear.
     /// That a frame came back: its origin as it was, the rest as rounding leaves it.
     pub(crate) fn close(found: GridFrame, frame: GridFrame) -> Result<(), TestCaseError> {
         prop_assert_eq!(found.origin, frame.origin);
@@ -85,6 +84,7 @@ pub(crate) mod tests {
         Ok(())
     }
 
+    /// Frames that turn and mirror.
     pub(crate) fn frame() -> impl Strategy<Value = GridFrame> {
         let number = || -1e3..1e3_f64;
         let vector = move || prop::array::uniform3(number()).prop_map(DVec3::from_array);

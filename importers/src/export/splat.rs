@@ -5,18 +5,22 @@
 //! since a byte says −1 but not 1. Places and σ are exact; all else is rounded to the nearest of 256 steps.
 
 use super::ExportError;
-use super::records::{Records, bound, bounded};
+use super::records::{Records, Words, bound, bounded};
 use crate::Note;
 use crate::splats::Trained;
 use crate::splats::splat::SIZE;
-use oblate_engine::{OpacityFilter, Splats};
+use oblate_engine::{Blend, Splats};
 use std::io::Write;
 
-/// Writes splats.
+/// Writes splats whose colours are meant to mix in `blend`.
 ///
 /// # Errors
 /// When they have no opacities, or `out` fails.
-pub(crate) fn write(splats: &Splats, out: &mut (impl Write + ?Sized)) -> Result<Vec<Note>, ExportError> {
+pub(crate) fn write(
+    splats: &Splats,
+    blend: Blend,
+    out: &mut (impl Write + ?Sized),
+) -> Result<Vec<Note>, ExportError> {
     let records = Records::new(splats)?;
     let weight = |index: usize| {
         let trained = records.get(index);
@@ -32,14 +36,9 @@ pub(crate) fn write(splats: &Splats, out: &mut (impl Write + ?Sized)) -> Result<
         cut_off += usize::from(!trained.color.iter().all(|c| (0.0..=1.0).contains(c)));
         out.write_all(&row(&trained))?;
     }
-    let mut notes = Vec::new();
+    let mut notes = records.left_out(blend, &Words { compensated: false, linear: false });
     if records.per_splat > 0 {
         notes.push(Note::LeftOut("harmonics: colours don't change with the view any more".into()));
-    }
-    if records.filter == OpacityFilter::Compensated {
-        let what =
-            "that opacities were trained with compensation for the pixel's filter, which .splat cannot say";
-        notes.push(Note::LeftOut(what.into()));
     }
     if cut_off > 0 {
         notes.push(Note::Rounded(format!("{cut_off} colours cut off at 0 or 1")));

@@ -10,13 +10,13 @@
 //! - harmonics to 5 bits from −1 to 1 for degree 1, to 4 bits for degrees 2 and 3.
 
 use super::ExportError;
+use super::records::{Records, Words};
 use crate::Note;
-use crate::splats::packed::CONSTANT_HARMONIC;
 use crate::splats::spz::{ANTIALIASED, Axes, COLOR_SCALE, MAGIC};
-use crate::splats::{Trained, trained};
+use crate::splats::{Trained, constant};
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use oblate_engine::{Blend, OpacityFilter, Splats, Strength};
+use oblate_engine::{Blend, OpacityFilter, Splats};
 use std::f32::consts::SQRT_2;
 use std::io::Write;
 
@@ -36,21 +36,19 @@ struct CutOff {
 /// Writes splats with opacities.
 ///
 /// # Errors
-/// When strengths are no opacities, a position is out of range, or `out` does not take bytes.
+/// When they have no opacities, a position is out of range, or `out` fails.
 pub(crate) fn write(splats: &Splats, blend: Blend, out: &mut dyn Write) -> Result<Vec<Note>, ExportError> {
+    let records = Records::new(splats)?;
     let unsuited = |problem: &str| ExportError::Unsuited(format!(".spz holds {problem}"));
-    let Strength::Opacity { filter, .. } = &splats.strength else {
-        return Err(unsuited("trained splats, which have opacities"));
-    };
-    let count = splats.centers.len();
+    let count = records.count();
     let Ok(stated) = u32::try_from(count) else {
         return Err(unsuited("no more than 2³² − 1 splats"));
     };
     let bits =
         fractional_bits(splats).ok_or_else(|| unsuited("positions up to ±8388607; some here are beyond"))?;
     let degree = splats.harmonics.as_ref().map_or(0, |harmonics| harmonics.degree);
-    let per_splat = (usize::from(degree) + 1).pow(2) - 1;
-    let antialiased = match filter {
+    let per_splat = records.per_splat;
+    let antialiased = match records.filter {
         OpacityFilter::Classic => 0,
         OpacityFilter::Compensated => ANTIALIASED,
     };
@@ -59,7 +57,7 @@ pub(crate) fn write(splats: &Splats, blend: Blend, out: &mut dyn Write) -> Resul
     let mut columns: [Vec<u8>; 6] =
         [9, 1, 3, 3, 4, 3 * per_splat].map(|size| Vec::with_capacity(size * count));
     for index in 0..count {
-        let Some(mut splat) = trained(splats, index) else { continue };
+        let mut splat = records.get(index);
         axes.apply(&mut splat);
         pack(&splat, (bits, per_splat), &mut columns, &mut cut_off);
     }
@@ -72,7 +70,9 @@ pub(crate) fn write(splats: &Splats, blend: Blend, out: &mut dyn Write) -> Resul
         gzip.write_all(column)?;
     }
     gzip.finish()?;
-    Ok(notes(splats, blend, bits, &cut_off))
+    let mut notes = records.left_out(blend, &Words { compensated: true, linear: false });
+    notes.extend(rounded(per_splat, bits, &cut_off));
+    Ok(notes)
 }
 
 /// As many bits as make sense and fit; `None` if no number does.
@@ -94,10 +94,7 @@ fn pack(splat: &Trained, (bits, per_splat): (i32, usize), columns: &mut [Vec<u8>
         positions.extend_from_slice(&fixed.to_le_bytes()[..3]);
     }
     alphas.push(byte(splat.opacity * 255.0));
-    let packed = splat.color.map(|display| {
-        let coefficient = (display - 0.5) / CONSTANT_HARMONIC;
-        (COLOR_SCALE * coefficient + 0.5) * 255.0
-    });
+    let packed = constant(splat.color).map(|coefficient| (COLOR_SCALE * coefficient + 0.5) * 255.0);
     cut_off.colors += usize::from(packed.iter().any(|value| is_beyond(*value)));
     colors.extend(packed.map(byte));
     let packed = splat.log_scales.map(|scale| (scale + 10.0) * 16.0);
@@ -145,11 +142,12 @@ fn smallest_three([w, x, y, z]: [f32; 4]) -> u32 {
     packed
 }
 
-fn notes(splats: &Splats, blend: Blend, bits: i32, cut_off: &CutOff) -> Vec<Note> {
+/// What was rounded, and how far.
+fn rounded(per_splat: usize, bits: i32, cut_off: &CutOff) -> Vec<Note> {
     let mut notes = vec![Note::Rounded(format!(
         "positions to 2^-{bits}, log scales to 1/16, rotations to 10 bits, opacities and colours to 8 bits"
     ))];
-    if splats.harmonics.is_some() {
+    if per_splat > 0 {
         let what = "harmonics to 5 bits from −1 to 1 for degree 1, to 4 bits above";
         notes.push(Note::Rounded(what.into()));
     }
@@ -161,13 +159,6 @@ fn notes(splats: &Splats, blend: Blend, bits: i32, cut_off: &CutOff) -> Vec<Note
     for (count, what) in ranges.into_iter().filter(|(count, _)| *count > 0) {
         notes.push(Note::Rounded(format!("{what}, of {count} splats")));
     }
-    if splats.normals.is_some() {
-        notes.push(Note::LeftOut("normals".into()));
-    }
-    if blend == Blend::Linear {
-        let what = "that colours mix in linear light: .spz is drawn with display-encoded ones";
-        notes.push(Note::LeftOut(what.into()));
-    }
     notes
 }
 
@@ -175,10 +166,10 @@ fn notes(splats: &Splats, blend: Blend, bits: i32, cut_off: &CutOff) -> Vec<Note
 mod tests {
     use super::*;
     use crate::file::File;
-    use crate::splats::spz;
+    use crate::splats::{spz, trained};
     use crate::{Content, OpenOptions, Opened};
     use glam::{Mat3, Quat, Vec3};
-    use oblate_engine::{Harmonics, Material, Shapes};
+    use oblate_engine::{Harmonics, Material, Shapes, Strength};
     use proptest::prelude::*;
 
     fn splats(centers: Vec<Vec3>, factor: Mat3, peak: f32, harmonics: Option<Harmonics>) -> Splats {
@@ -302,6 +293,6 @@ mod tests {
         let mut surfels = splats(vec![Vec3::ZERO], Mat3::IDENTITY, 1.0, None);
         surfels.strength = Strength::Extinction { masses: vec![1.0] };
         let error = write(&surfels, Blend::Display, &mut Vec::new()).unwrap_err();
-        assert_eq!(error.to_string(), ".spz holds trained splats, which have opacities");
+        assert!(error.to_string().contains("peak opacities"), "{error}");
     }
 }

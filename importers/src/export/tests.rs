@@ -1,6 +1,6 @@
 //! Splats written and read again.
 
-use super::{ExportError, gaussian_ply, splat};
+use super::{ExportError, gaussian_ply, gltf, splat, spz};
 use crate::{Content, Note, OpenOptions, open};
 use glam::{Mat3, Quat, Vec3};
 use oblate_engine::color::linear_to_srgb;
@@ -26,7 +26,7 @@ fn ply(splats: &Splats) -> (Vec<u8>, Vec<Note>) {
 
 fn dot_splat(splats: &Splats) -> (Vec<u8>, Vec<Note>) {
     let mut bytes = Vec::new();
-    let notes = splat::write(splats, &mut bytes).unwrap();
+    let notes = splat::write(splats, Blend::Display, &mut bytes).unwrap();
     (bytes, notes)
 }
 
@@ -246,7 +246,7 @@ fn what_is_seen_most_comes_first() {
     assert_eq!(bytes[28..32], [0, 128, 128, 128]);
     let said: Vec<String> = notes.iter().map(Note::to_string).collect();
     assert!(
-        said[0].starts_with("left out: harmonics") && said[1].starts_with("left out: that opacities"),
+        said[0].starts_with("left out: that opacities") && said[1].starts_with("left out: harmonics"),
         "{said:?}"
     );
     assert_eq!(said[2], "rounded: 3 colours cut off at 0 or 1");
@@ -260,17 +260,28 @@ fn what_is_not_held_is_refused() {
     let longer = Splats { colors: vec![[0.5; 3]; 2], ..good.clone() };
     let harmonics = Some(Harmonics { degree: 2, coefficients: vec![[0.0; 3]; 3] });
     let fewer = Splats { harmonics, ..good.clone() };
+    let none = Splats {
+        centers: Vec::new(),
+        shapes: Shapes::Each(Vec::new()),
+        strength: Strength::Opacity { peaks: Vec::new(), filter: OpacityFilter::Classic },
+        colors: Vec::new(),
+        harmonics: None,
+        ..good.clone()
+    };
     let harmonics = Some(Harmonics { degree: 200, coefficients: Vec::new() });
     let beyond = Splats { harmonics, ..good };
     for (wrong, said) in [
         (masses, "peak opacities"),
         (longer, "one length"),
+        (none, "no splats"),
         (fewer, "one length"),
         (beyond, "degree from 1 to 3"),
     ] {
         for error in [
             gaussian_ply::write(&wrong, Blend::Display, &mut Vec::new()).unwrap_err(),
-            splat::write(&wrong, &mut Vec::new()).unwrap_err(),
+            splat::write(&wrong, Blend::Display, &mut Vec::new()).unwrap_err(),
+            spz::write(&wrong, Blend::Display, &mut Vec::new()).unwrap_err(),
+            gltf::write(&wrong, Blend::Display, &mut Vec::new()).unwrap_err(),
         ] {
             assert!(matches!(&error, ExportError::Unsuited(what) if what.contains(said)), "{error}");
         }
@@ -280,6 +291,11 @@ fn what_is_not_held_is_refused() {
 #[test]
 fn linear_blending_is_lost() {
     let splats = splats(&[plain()], 0, OpacityFilter::Classic);
-    let notes = gaussian_ply::write(&splats, Blend::Linear, &mut Vec::new()).unwrap();
-    assert!(matches!(&notes[..], [Note::LeftOut(what)] if what.contains("linear light")));
+    for notes in [
+        gaussian_ply::write(&splats, Blend::Linear, &mut Vec::new()).unwrap(),
+        splat::write(&splats, Blend::Linear, &mut Vec::new()).unwrap(),
+        spz::write(&splats, Blend::Linear, &mut Vec::new()).unwrap(),
+    ] {
+        assert!(matches!(&notes[0], Note::LeftOut(what) if what.contains("linear light")), "{notes:?}");
+    }
 }

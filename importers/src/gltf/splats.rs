@@ -3,7 +3,7 @@
 use super::accessor::{Accessors, Column, Integers};
 use super::from_json;
 use crate::file::File;
-use crate::splats::{ROWS, Sink, Trained, Training, Turn, gather, half_axes, log_scale, of_half_axes};
+use crate::splats::{ROWS, Sink, Trained, Training, Turn, color, gather, half_axes, log_scale, of_half_axes};
 use crate::{ImportError, Note, Opened, Place};
 use ::gltf::json::mesh::{Mode, Primitive};
 use ::gltf::json::validation::Checked;
@@ -15,9 +15,6 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 
 const NAME: &str = "KHR_gaussian_splatting";
-
-/// The spherical harmonic of degree 0, √(1/4π).
-const CONSTANT_HARMONIC: f64 = 0.282_094_791_773_878_1;
 
 /// A file's meshes with the names that its attributes have: the crate knows only those without extensions.
 #[derive(Deserialize)]
@@ -331,10 +328,10 @@ impl Part<'_> {
     /// Display-encoded, whatever the file has.
     fn color(&self, row: usize) -> [f32; 3] {
         match &self.color {
-            Color::Harmonic(column) => [0, 1, 2].map(|channel| {
-                let color = (0.5 + CONSTANT_HARMONIC * column.value(row, channel)) as f32;
-                if self.blend == Blend::Linear { linear_to_srgb(color) } else { color }
-            }),
+            Color::Harmonic(column) => {
+                let found = color([0, 1, 2].map(|channel| column.value(row, channel) as f32));
+                if self.blend == Blend::Linear { found.map(linear_to_srgb) } else { found }
+            }
             Color::Fallback(column) => {
                 [0, 1, 2].map(|channel| linear_to_srgb(column.value(row, channel) as f32))
             }

@@ -3,7 +3,7 @@
 use super::header::{Element, Encoding, Header, Kind};
 use super::table::too_short;
 use crate::Endian;
-use crate::file::File;
+use crate::file::{File, quoted};
 use crate::scalar::{FromF64, Scalar};
 use crate::{ImportError, Place};
 
@@ -181,7 +181,7 @@ impl<'a> Body<'a> {
         if word.is_empty() {
             return Err(self.file.malformed(self.place(), "there are fewer values than properties"));
         }
-        word.parse().map_err(|_| self.file.malformed(self.place(), format!("{word:?} is no number")))
+        word.parse().map_err(|_| self.file.malformed(self.place(), format!("{} is no number", quoted(&word))))
     }
 
     /// In text a row is the next line that is not empty.
@@ -194,10 +194,8 @@ impl<'a> Body<'a> {
             self.at = self.row_end;
             let rest = &self.file.bytes[self.at..];
             if rest.is_empty() {
-                let problem = format!(
-                    "the file ends before row {row} of {} of element {:?}",
-                    element.rows, element.name
-                );
+                let name = quoted(&element.name);
+                let problem = format!("the file ends before row {row} of {} of element {name}", element.rows);
                 return Err(self.file.malformed(self.place(), problem));
             }
             let end = rest.iter().position(|&b| b == b'\n' || b == b'\r').map_or(rest.len(), |at| at + 1);
@@ -213,7 +211,8 @@ impl<'a> Body<'a> {
         let surplus = self.encoding == Encoding::Ascii
             && !self.file.bytes[self.at..self.row_end].trim_ascii().is_empty();
         if surplus {
-            let problem = format!("row {row} of element {:?} has more values than properties", element.name);
+            let name = quoted(&element.name);
+            let problem = format!("row {row} of element {name} has more values than properties");
             return Err(self.file.malformed(self.place(), problem));
         }
         Ok(())

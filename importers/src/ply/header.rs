@@ -3,7 +3,7 @@
 //! Source: Turk, *The PLY Polygon File Format*, 1994.
 
 use crate::Endian;
-use crate::file::File;
+use crate::file::{File, quoted};
 use crate::scalar::Scalar;
 use crate::{ImportError, Place};
 
@@ -80,8 +80,9 @@ impl Header {
             at += line.len();
             let text = String::from_utf8_lossy(line.trim_ascii());
             let words: Vec<&str> = text.split_whitespace().collect();
-            let malformed =
-                |problem: &str| file.malformed(Place::Line(index + 1), format!("{problem}: {text:?}"));
+            let malformed = |problem: &str| {
+                file.malformed(Place::Line(index + 1), format!("{problem}: {}", quoted(&text)))
+            };
             match words.as_slice() {
                 ["ply"] if index == 0 => {}
                 _ if index == 0 => return Err(malformed("a PLY begins with a line \"ply\"")),
@@ -123,7 +124,8 @@ impl Header {
                 _ => return Err(malformed("not a line of a PLY header")),
             }
         }
-        Err(file.malformed(Place::Whole, "the header has no end_header line"))
+        let problem = format!("the header has no end_header line in the first {} bytes", file.bytes.len());
+        Err(file.malformed(Place::Whole, problem))
     }
 }
 

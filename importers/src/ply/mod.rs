@@ -79,7 +79,6 @@ mod table;
 use crate::source::Source;
 use crate::{ImportError, OpenOptions, Opened};
 use header::Header;
-pub(crate) use splats::CONSTANT_HARMONIC;
 
 /// Reads a mesh, points or splats.
 pub(crate) fn read(source: Source, options: &OpenOptions) -> Result<Opened, ImportError> {

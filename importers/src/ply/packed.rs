@@ -3,9 +3,9 @@
 use super::header::{Element, Header, Kind};
 use super::mode::Mode;
 use super::table::Table;
-use crate::inflate::over_limit;
 use crate::scalar::Scalar;
 use crate::source::Source;
+use crate::splats::packed::within;
 use crate::splats::{ROWS, Trained, Training, gather};
 use crate::{ImportError, Note, OpenOptions, Opened, Place};
 use oblate_engine::{Blend, OpacityFilter};
@@ -78,9 +78,7 @@ pub(super) fn read(
     let flat = mode.flat == Some(true);
     let filter = mode.filter.unwrap_or(OpacityFilter::Classic);
     let training = Training { degree, filter, blend: Blend::Display };
-    if vertex.rows as u64 * training.bytes_per_splat() > options.max_memory {
-        return Err(malformed(over_limit(options.max_memory)));
-    }
+    within(options.max_memory, &source.head, 0, (vertex.rows, training))?;
     let per_splat = training.per_splat();
     let mut opened = gather(&source.head, (vertex.rows, ROWS), training, |rows, sink| {
         let mut ranges: Vec<Ranges> = Vec::with_capacity(ROWS / CHUNK);

@@ -2,7 +2,7 @@
 
 use super::body::Body;
 use super::header::{Element, Header, Kind, Property};
-use crate::file::File;
+use crate::file::{File, quoted};
 use crate::points::{Gather, Has, Point};
 use crate::{ImportError, Note, Opened, Place};
 use glam::{DVec3, Vec3};
@@ -63,11 +63,18 @@ pub(super) fn read(file: &File, header: &Header, element: &Element) -> Result<Op
         radii: places.contains(&Some(RADIUS)),
     };
     // Integers are shares of their type's largest value.
-    let red = element.properties.iter().zip(&places).find(|(_, place)| **place == Some(COLOR));
-    let white = red.and_then(|(property, _)| match property.kind {
-        Kind::Scalar(scalar) => scalar.integer_max(),
-        Kind::List { .. } => None,
-    });
+    let white = |channel: usize| {
+        let found =
+            element.properties.iter().zip(&places).find(|(_, place)| **place == Some(COLOR + channel));
+        found.and_then(|(property, _)| match property.kind {
+            Kind::Scalar(scalar) => scalar.integer_max(),
+            Kind::List { .. } => None,
+        })
+    };
+    let [white, green, blue] = [0, 1, 2].map(white);
+    if has.colors && (white != green || white != blue) {
+        return Err(file.malformed(Place::Whole, "red, green and blue of vertices must be of one type"));
+    }
     let mut body = Body::at(file, header, element)?;
     let mut gather = Gather::new(element.rows, has);
     body.records(element, &places, &mut [0.0_f64; NUMBERS], |record| {
@@ -82,7 +89,7 @@ pub(super) fn read(file: &File, header: &Header, element: &Element) -> Result<Op
     })?;
     gather.decode_colors(Some(white.unwrap_or(1.0) as f32));
     for other in header.elements.iter().filter(|other| other.name != element.name && other.rows > 0) {
-        gather.notes.push(Note::LeftOut(format!("{} rows of element {:?}", other.rows, other.name)));
+        gather.notes.push(Note::LeftOut(format!("{} rows of element {}", other.rows, quoted(&other.name))));
     }
     gather.finish(file)
 }

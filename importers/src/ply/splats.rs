@@ -8,7 +8,7 @@ use super::table::Table;
 use crate::file::File;
 use crate::scalar::Scalar;
 use crate::source::Source;
-use crate::splats::{Sink, Trained, Training, gather};
+use crate::splats::{Sink, Trained, Training, color, gather};
 use crate::{ImportError, Note, Opened, Place};
 use oblate_engine::{Blend, OpacityFilter};
 use std::sync::{Mutex, PoisonError};
@@ -26,9 +26,6 @@ const HARMONICS: usize = 15;
 
 const COEFFICIENTS: [&str; 3] = ["f_dc_0", "f_dc_1", "f_dc_2"];
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
-
-/// The spherical harmonic of degree 0, √(1/4π).
-pub(crate) const CONSTANT_HARMONIC: f32 = 0.282_094_8;
 
 /// Reads the splats that `vertex` has.
 pub(super) fn read(source: Source, header: &Header, vertex: &Element) -> Result<Opened, ImportError> {
@@ -158,14 +155,14 @@ impl Layout {
 
     /// Makes `trained`, which is the default one or another splat of the same file, the splat of a record.
     fn fill(&self, trained: &mut Trained, record: &[f32]) {
-        let color = [0, 1, 2].map(|i| record[COLOR + i]);
+        let found = [0, 1, 2].map(|i| record[COLOR + i]);
         trained.center = [0, 1, 2].map(|i| record[i]);
         trained.log_scales = [0, 1, 2].map(|i| record[SCALES + i]);
         trained.rotation = [0, 1, 2, 3].map(|i| record[ROTATION + i]);
         trained.opacity = (1.0 / (1.0 + (-f64::from(record[OPACITY])).exp())) as f32;
         trained.color = match self.channel_max {
-            None => color.map(|coefficient| 0.5 + CONSTANT_HARMONIC * coefficient),
-            Some(max) => [0, 1, 2].map(|i| color[i] / max[i]),
+            None => color(found),
+            Some(max) => [0, 1, 2].map(|i| found[i] / max[i]),
         };
         trained.filter = record[FILTER];
         // All of a channel stand together in the file.

@@ -1,7 +1,7 @@
 //! Rows of one length, read block by block as they are wanted: a file may be larger than what is made of it.
 
 use super::header::{Element, Encoding, Header};
-use crate::file::File;
+use crate::file::{File, quoted};
 use crate::scalar::{FromF64, Scalar};
 use crate::source::Source;
 use crate::{Endian, ImportError, Place};
@@ -116,8 +116,9 @@ pub(super) fn too_short(
     row_size: usize,
 ) -> ImportError {
     let problem = format!(
-        "{} rows of element {:?} need at least {row_size} bytes each, but only {left} bytes are left",
-        element.rows, element.name
+        "{} rows of element {} need at least {row_size} bytes each, but only {left} bytes are left",
+        element.rows,
+        quoted(&element.name)
     );
     file.malformed(Place::Byte(at), problem)
 }

@@ -26,4 +26,6 @@ mod trained;
 
 pub(crate) use gather::{ROWS, Sink, Training, gather};
 pub(crate) use rotate::Turn;
-pub(crate) use trained::{LARGEST_LOG_SCALE, Trained, half_axes, log_scale, of_half_axes, trained};
+pub(crate) use trained::{
+    LARGEST_LOG_SCALE, Trained, color, constant, half_axes, log_scale, of_half_axes, trained,
+};

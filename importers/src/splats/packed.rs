@@ -4,14 +4,6 @@ use super::gather::Training;
 use crate::file::File;
 use crate::{ImportError, Place};
 
-/// The spherical harmonic of degree 0, √(1/4π).
-pub(crate) const CONSTANT_HARMONIC: f32 = 0.282_094_8;
-
-/// Coefficients of the constant harmonic as a display-encoded colour.
-pub(crate) fn color(constant: [f32; 3]) -> [f32; 3] {
-    constant.map(|coefficient| 0.5 + CONSTANT_HARMONIC * coefficient)
-}
-
 /// The number at byte `at`, if there are enough bytes.
 pub(crate) fn le<const N: usize, T>(bytes: &[u8], at: usize, from_le_bytes: fn([u8; N]) -> T) -> Option<T> {
     bytes.get(at..)?.first_chunk().map(|chunk| from_le_bytes(*chunk))
@@ -25,8 +17,7 @@ pub(crate) fn within(
     unpacked: u64,
     (count, training): (usize, Training),
 ) -> Result<(), ImportError> {
-    // Centre, half-axes, peak, colour; harmonics.
-    let splats = (64 + 12 * training.per_splat() as u64).saturating_mul(count as u64);
+    let splats = training.bytes_per_splat().saturating_mul(count as u64);
     let all = unpacked.saturating_add(splats);
     if all <= limit {
         return Ok(());

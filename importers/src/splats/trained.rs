@@ -13,6 +13,19 @@ pub(crate) const LARGEST_LOG_SCALE: f32 = 40.0;
 /// Sums of harmonics with coefficients of this size, decoded to linear, are in the range of single precision.
 const LARGEST_COLOR: f32 = 1e12;
 
+/// The spherical harmonic of degree 0, √(1/4π).
+const CONSTANT_HARMONIC: f32 = 0.282_094_8;
+
+/// The display-encoded colour that coefficients of the constant harmonic make.
+pub(crate) fn color(constant: [f32; 3]) -> [f32; 3] {
+    constant.map(|coefficient| 0.5 + CONSTANT_HARMONIC * coefficient)
+}
+
+/// The coefficients of the constant harmonic that make a display-encoded colour.
+pub(crate) fn constant(color: [f32; 3]) -> [f32; 3] {
+    color.map(|display| (display - 0.5) / CONSTANT_HARMONIC)
+}
+
 /// A trained splat, in the words of its training. Axes are the file's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Trained {
@@ -132,7 +145,8 @@ impl Trained {
 /// Splat `index` of splats with opacities as training would write it, without a filter; `None` for other strengths.
 pub(crate) fn trained(splats: &Splats, index: usize) -> Option<Trained> {
     let Strength::Opacity { peaks, .. } = &splats.strength else { return None };
-    let (log_scales, rotation) = of_half_axes(splats.shapes.factor(index).as_dmat3());
+    let factor = splats.shapes.factor(index).as_dmat3();
+    let (log_scales, rotation) = of_half_axes(if is_sheared(factor) { half_axes(factor) } else { factor });
     let mut harmonics = [[0.0; 3]; MOST_HARMONICS];
     if let Some(of_all) = &splats.harmonics {
         let count = of_all.per_splat();
@@ -155,6 +169,13 @@ pub(crate) fn of_half_axes(factor: DMat3) -> ([f32; 3], [f32; 4]) {
     let rotation = rotation(factor, lengths);
     let quaternion = [rotation.w, rotation.x, rotation.y, rotation.z];
     (lengths.map(|length| length.ln() as f32), quaternion.map(|c| c as f32))
+}
+
+/// Whether columns are less orthogonal than rounding to single precision leaves half-axes.
+fn is_sheared(factor: DMat3) -> bool {
+    let pairs =
+        [(factor.x_axis, factor.y_axis), (factor.x_axis, factor.z_axis), (factor.y_axis, factor.z_axis)];
+    pairs.iter().any(|(a, b)| a.dot(*b).abs() > 1e-5 * a.length() * b.length())
 }
 
 /// The half-axes F of Σ = A Aᵀ: the columns of A turned into each other until they are orthogonal.
@@ -233,6 +254,19 @@ mod tests {
             prop_assert!(difference.abs_diff_eq(DMat3::ZERO, 1e-14), "{}", difference);
             for (a, b) in [(found.x_axis, found.y_axis), (found.x_axis, found.z_axis), (found.y_axis, found.z_axis)] {
                 prop_assert!(a.dot(b).abs() <= 1e-12 * a.length() * b.length(), "{}", found);
+            }
+        }
+
+        #[test]
+        fn sheared_factors_keep_their_covariance(entries in prop::array::uniform9(-1.0..1.0f32)) {
+            let splat = Trained::default().activate(0).ok().unwrap();
+            let factor = Mat3::from_cols_array(&entries);
+            let back = trained(&splats(&Splat { factor, ..splat }), 0).unwrap().activate(0);
+            // Factors that are nearly singular may have a half-axis below e⁻⁴⁰, which is none.
+            if let Ok(back) = back {
+                let difference = back.factor * back.factor.transpose() - factor * factor.transpose();
+                // Entries of Σ of up to 3; a logarithm of 1 and a quaternion are rounded to 2⁻²⁴ of themselves.
+                prop_assert!(difference.abs_diff_eq(Mat3::ZERO, 1e-5), "{}", difference);
             }
         }
 

@@ -224,7 +224,11 @@ fn what_is_wrong_is_said() {
         Folder::new().refused("a.ply", file, &[said]);
     }
     let options = OpenOptions { max_memory: 127, ..OpenOptions::default() };
-    refused(Folder::new().open_with("a.ply", right.file(), &options), "a.ply", &["more than 127 bytes"]);
+    refused(
+        Folder::new().open_with("a.ply", right.file(), &options),
+        "a.ply",
+        &["take 128 bytes; the limit that is set is 127"],
+    );
     let options = OpenOptions { max_memory: 128, ..OpenOptions::default() };
     assert!(Folder::new().open_with("a.ply", right.file(), &options).is_ok());
 }

@@ -302,4 +302,5 @@ fn vertices_without_faces_are_points() {
     refuse("vertex 2", "vertex 0", &["no points in it"]);
     refuse("vertex 2", "vertex 999999999", &["999999999 rows"]);
     refuse("double y", "list uchar uchar y", &["must not be a list"]);
+    refuse("uchar green", "float green", &["of one type"]);
 }

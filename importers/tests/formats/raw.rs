@@ -123,4 +123,8 @@ fn content_counts_before_options_and_names() {
     let obj = "# a triangle\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
     crate::common::mesh(folder.open("mesh", obj));
     refused(folder.open_with("mesh", obj, &options), "mesh", &["dims 4x3x2"]);
+    // What a name tells is no raw file, though the caller describes raw ones that may stand beside it.
+    crate::common::mesh(folder.open_with("mesh.obj", obj, &options));
+    let points = folder.open_with("points.asc", "0 0 0\n1 0 0\n0 1 0\n", &options).unwrap();
+    assert_eq!(points.format, "XYZ");
 }

@@ -290,6 +290,8 @@ fn what_is_refused() {
     refuse(&|table| table.degree = 5, &["byte 12", "degree 5", "0 to 4"]);
     refuse(&|table| table.bits = 25, &["byte 13", "25 fractional bits"]);
     refuse(&|table| table.count = u32::MAX, &[]);
+    let plain = Table::new(3, 1).plain();
+    folder.refused("a.spz", [&plain[..], &[0; 5]].concat(), &["5 bytes are left behind its splats"]);
     let system =
         |number| move |table: &mut Table| (table.flags, table.extensions) = (2, coordinate_system(number));
     refuse(&system(12), &["extensions", "coordinate system 12", "turned"]);

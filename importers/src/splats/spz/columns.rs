@@ -1,8 +1,8 @@
 //! Numbers of single splats.
 
 use super::Header;
-use crate::splats::Trained;
-use crate::splats::packed::{color, le};
+use crate::splats::packed::le;
+use crate::splats::{Trained, color};
 use std::f32::consts::FRAC_1_SQRT_2;
 
 /// A file's streams, unpacked, as long as its header says.

@@ -38,7 +38,6 @@ use rayon::prelude::*;
 use std::borrow::Cow;
 
 pub(crate) const MAGIC: &[u8] = b"NGSP";
-const GZIP: &[u8] = &[0x1f, 0x8b];
 /// Bytes of the header before version 4, and since.
 const HEADER: usize = 16;
 const LONG_HEADER: usize = 32;
@@ -66,7 +65,7 @@ struct Unpacked<'a> {
 /// Whether a file begins as SPZ does, or unpacks to one.
 pub(crate) fn begins(bytes: &[u8]) -> bool {
     bytes.starts_with(MAGIC)
-        || (bytes.starts_with(GZIP) && inflate::gzip_beginning(bytes, MAGIC.len()) == MAGIC)
+        || (bytes.starts_with(&inflate::GZIP) && inflate::gzip_beginning(bytes, MAGIC.len()) == MAGIC)
 }
 
 /// Reads the file.
@@ -104,7 +103,7 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportE
 
 fn unpack<'a>(file: &'a File, options: &OpenOptions) -> Result<Unpacked<'a>, ImportError> {
     let bytes = &file.bytes;
-    let compressed = bytes.starts_with(GZIP);
+    let compressed = bytes.starts_with(&inflate::GZIP);
     let beginning = if compressed { inflate::gzip_beginning(bytes, HEADER) } else { Vec::new() };
     let header = Header::new(file, if compressed { &beginning } else { bytes })?;
     let body: u64 = header.sizes().iter().sum();
@@ -132,6 +131,9 @@ fn unpack<'a>(file: &'a File, options: &OpenOptions) -> Result<Unpacked<'a>, Imp
         Cow::Owned(owned) => Cow::Owned(owned.split_off(at)),
     };
     let extensions = split(&mut bytes, all as usize);
+    if header.flags & EXTENSIONS == 0 && !extensions.is_empty() {
+        return Err(wrong(format!("{} bytes are left behind its splats", extensions.len())));
+    }
     let body = split(&mut bytes, HEADER);
     Ok(Unpacked { header, columns: vec![body], extensions })
 }

@@ -1,27 +1,32 @@
-//! How fast a file of splats loads and how much memory that takes at most: `load FILE [THREADS]`. `load --write FILE COUNT`
-//! writes a PLY file of harmonics up to degree 3 to measure with.
+//! How fast a file of splats loads and how much memory that takes at most.
+//!
+//! `cargo bench --bench loading -- [FILE] [THREADS]`; without FILE a PLY file of a million splats with harmonics up to
+//! degree 3 is made, 248 MB, and taken away again.
 
-use oblate_engine::{Harmonics, Shapes, Splats};
-use oblate_importers::{Content, OpenOptions, open};
+use oblate::engine::{Harmonics, Shapes, Splats};
+use oblate::importers::{Content, OpenOptions, open};
 use std::error::Error;
 use std::fs;
 use std::io::{BufWriter, Write};
+use std::path::Path;
 use std::time::Instant;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    match &arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
-        ["--write", path, count] => write(path, count.parse()?),
-        [path] => load(path),
-        [path, threads] => {
-            rayon::ThreadPoolBuilder::new().num_threads(threads.parse()?).build_global()?;
-            load(path)
-        }
-        _ => Err("load FILE [THREADS], or load --write FILE COUNT".into()),
+    let mut arguments = std::env::args().skip(1).filter(|argument| !argument.starts_with("--"));
+    let file = arguments.next();
+    if let Some(threads) = arguments.next() {
+        rayon::ThreadPoolBuilder::new().num_threads(threads.parse()?).build_global()?;
     }
+    if let Some(file) = file {
+        return load(file.as_ref());
+    }
+    let folder = tempfile::tempdir()?;
+    let made = folder.path().join("made.ply");
+    write(&made, 1_000_000)?;
+    load(&made)
 }
 
-fn load(path: &str) -> Result<(), Box<dyn Error>> {
+fn load(path: &Path) -> Result<(), Box<dyn Error>> {
     let (threads, size) = (rayon::current_num_threads(), fs::metadata(path)?.len() as f64);
     let start = Instant::now();
     let opened = open(path, &OpenOptions::default())?;
@@ -53,7 +58,7 @@ fn loaded(splats: &Splats) -> f64 {
     (splats.centers.len() * (12 + shape + 4 + 12 + 12 * per_splat)) as f64
 }
 
-fn write(path: &str, count: u32) -> Result<(), Box<dyn Error>> {
+fn write(path: &Path, count: u32) -> Result<(), Box<dyn Error>> {
     let mut out = BufWriter::new(fs::File::create(path)?);
     write!(out, "ply\nformat binary_little_endian 1.0\nelement vertex {count}\n")?;
     let names = "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2".split(' ').map(String::from);
