@@ -77,10 +77,10 @@ pub(crate) fn run(args: ConvertArgs) -> Result<()> {
         splats(opened.content, &args.look, &mut notes).with_context(|| name.clone())?
     };
     output.finish(|file| {
-        notes.extend(save(&content, target, file)?);
+        notes.extend(save(&content, up, target, file)?);
         Ok(())
     })?;
-    if target.up() != up && !target.holds_volumes() {
+    if target.up() != up && !target.holds_volumes() && target != Target::Glb {
         let [up, custom] = [up, target.up()].map(axis);
         let text = format!(
             "that {up} is up: axes are as they were, but programs take {custom} for up in such files"

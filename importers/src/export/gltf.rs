@@ -9,7 +9,7 @@ use super::ExportError;
 use super::records::{Records, Words};
 use crate::Note;
 use crate::splats::{Trained, constant};
-use glam::Vec3;
+use glam::{DQuat, DVec3, Vec3};
 use gltf::json::serialize::to_vec;
 use oblate_engine::{Blend, Splats};
 use serde_json::json;
@@ -20,8 +20,12 @@ const NAME: &str = "KHR_gaussian_splatting";
 /// Splats that are written at a time.
 const ROWS: usize = 4096;
 
-/// Writes splats that have opacities.
-pub(crate) fn write(splats: &Splats, blend: Blend, out: &mut dyn Write) -> Result<Vec<Note>, ExportError> {
+/// Writes splats that have opacities, on the axes that they have, under a node that turns `up`, a unit vector, to +y.
+pub(crate) fn write(
+    splats: &Splats,
+    (blend, up): (Blend, DVec3),
+    out: &mut dyn Write,
+) -> Result<Vec<Note>, ExportError> {
     let records = Records::new(splats)?;
     let mut notes = records.left_out(blend, &Words { compensated: false, linear: true });
     let harmonics = if blend == Blend::Display { records.per_splat } else { 0 };
@@ -29,7 +33,7 @@ pub(crate) fn write(splats: &Splats, blend: Blend, out: &mut dyn Write) -> Resul
         let what = "harmonics: those of oblate are sums of display-encoded colours, the file's would be of linear ones";
         notes.push(Note::LeftOut(what.into()));
     }
-    let (description, binary) = describe(splats, blend, harmonics)?;
+    let (description, binary) = describe(splats, (blend, up), harmonics)?;
     let total = 12 + 8 + description.len() as u64 + 8 + binary;
     let too_large =
         |_| ExportError::Unsuited(format!("a GLB has at most 4 GiB; these splats need {total} bytes"));
@@ -66,7 +70,11 @@ fn row(record: Trained, color: [f32; 3], harmonics: usize) -> impl Iterator<Item
 }
 
 /// The JSON chunk, padded, and the length of the binary one.
-fn describe(splats: &Splats, blend: Blend, harmonics: usize) -> Result<(Vec<u8>, u64), ExportError> {
+fn describe(
+    splats: &Splats,
+    (blend, up): (Blend, DVec3),
+    harmonics: usize,
+) -> Result<(Vec<u8>, u64), ExportError> {
     let count = splats.centers.len();
     let low = splats.centers.iter().copied().reduce(Vec3::min);
     let high = splats.centers.iter().copied().reduce(Vec3::max);
@@ -103,7 +111,7 @@ fn describe(splats: &Splats, blend: Blend, harmonics: usize) -> Result<(Vec<u8>,
         "extensionsUsed": [NAME],
         "scene": 0,
         "scenes": [{ "nodes": [0] }],
-        "nodes": [{ "mesh": 0 }],
+        "nodes": [{ "mesh": 0, "rotation": upright(up).to_array() }],
         "meshes": [{ "primitives": [{
             "mode": 0,
             "attributes": attributes,
@@ -116,6 +124,15 @@ fn describe(splats: &Splats, blend: Blend, harmonics: usize) -> Result<(Vec<u8>,
     let mut text = to_vec(&description).map_err(std::io::Error::from)?;
     text.resize(text.len().next_multiple_of(4), b' ');
     Ok((text, length))
+}
+
+/// What turns `up` to +y: about x from where y points down.
+fn upright(up: DVec3) -> DQuat {
+    if up.dot(DVec3::Y) < -0.999 {
+        DQuat::from_xyzw(1.0, 0.0, 0.0, 0.0)
+    } else {
+        DQuat::from_rotation_arc(up, DVec3::Y)
+    }
 }
 
 #[cfg(test)]
@@ -156,7 +173,7 @@ mod tests {
 
     fn there_and_back(splats: &Splats, blend: Blend) -> (Vec<Note>, Splats, Blend) {
         let mut bytes = Vec::new();
-        let notes = write(splats, blend, &mut bytes).unwrap();
+        let notes = write(splats, (blend, DVec3::Y), &mut bytes).unwrap();
         assert_eq!(bytes.len() % 4, 0);
         let file = File { path: PathBuf::from("a.glb"), bytes };
         let opened = crate::gltf::read(&file, &OpenOptions::default()).unwrap();
@@ -210,7 +227,7 @@ mod tests {
         assert_eq!(found.harmonics, None);
         let masses = vec![1.0; splats.centers.len()];
         splats.strength = Strength::Extinction { masses };
-        let error = write(&splats, Blend::Linear, &mut Vec::new()).unwrap_err();
+        let error = write(&splats, (Blend::Linear, DVec3::Y), &mut Vec::new()).unwrap_err();
         assert!(error.to_string().contains("peak opacities"), "{error}");
     }
 }

@@ -101,7 +101,7 @@ impl Target {
         Self::ALL.iter().find(|(target, _)| *target == self).map_or("", |(_, name)| name)
     }
 
-    /// What is up in such a file by custom, as [`crate::Opened::up`] has it when it is read. Writing turns nothing.
+    /// What is up in such a file by custom, as [`crate::Opened::up`] has it when it is read.
     pub fn up(self) -> DVec3 {
         match self {
             Self::GaussianPly | Self::Splat | Self::Spz => DVec3::NEG_Y,
@@ -116,16 +116,21 @@ impl Target {
     }
 }
 
-/// Writes a volume or splats; says what the format has no room for.
+/// Writes a volume or splats in which `up` is up; says what the format has no room for. Of all targets GLB turns them upright.
 ///
 /// # Errors
 /// When the format does not hold such contents, or `out` fails.
-pub fn save(content: &Content, target: Target, out: &mut dyn Write) -> Result<Vec<Note>, ExportError> {
+pub fn save(
+    content: &Content,
+    up: DVec3,
+    target: Target,
+    out: &mut dyn Write,
+) -> Result<Vec<Note>, ExportError> {
     match (content, target) {
         (Content::Volume(volume), Target::Nrrd) => nrrd::write(volume, Packing::Deflated, out),
         (Content::Volume(volume), Target::Vti) => vti::write(volume, Packing::Deflated, out),
         (Content::Splats { splats, blend }, target) if !target.holds_volumes() => {
-            save_splats(splats, *blend, target, out)
+            save_splats(splats, (*blend, up), target, out)
         }
         _ if target.holds_volumes() => {
             Err(ExportError::Unsuited(format!("{} holds volumes; this is none", target.name())))
@@ -139,7 +144,7 @@ pub fn save(content: &Content, target: Target, out: &mut dyn Write) -> Result<Ve
 
 fn save_splats(
     splats: &Splats,
-    blend: Blend,
+    (blend, up): (Blend, DVec3),
     target: Target,
     out: &mut dyn Write,
 ) -> Result<Vec<Note>, ExportError> {
@@ -165,7 +170,7 @@ fn save_splats(
         Target::GaussianPly => gaussian_ply::write(&gaussians, blend, out),
         Target::Splat => splat::write(&gaussians, blend, out),
         Target::Spz => spz::write(&gaussians, blend, out),
-        _ => gltf::write(&gaussians, blend, out),
+        _ => gltf::write(&gaussians, (blend, up), out),
     }?;
     Ok(assumed.into_iter().chain(notes).collect())
 }

@@ -281,7 +281,7 @@ fn what_is_not_held_is_refused() {
             gaussian_ply::write(&wrong, Blend::Display, &mut Vec::new()).unwrap_err(),
             splat::write(&wrong, Blend::Display, &mut Vec::new()).unwrap_err(),
             spz::write(&wrong, Blend::Display, &mut Vec::new()).unwrap_err(),
-            gltf::write(&wrong, Blend::Display, &mut Vec::new()).unwrap_err(),
+            gltf::write(&wrong, (Blend::Display, glam::DVec3::Y), &mut Vec::new()).unwrap_err(),
         ] {
             assert!(matches!(&error, ExportError::Unsuited(what) if what.contains(said)), "{error}");
         }
