@@ -5,9 +5,9 @@
 //! volume, flatten it all the way and it is a *surfel*, a sample of a surface. The way from a file to a
 //! picture:
 //!
-//! 1. [`importers::open`] reads a file into a [`surfels::Mesh`], a [`volumes::Volume`] or
-//!    [`engine::Splats`], which [`engine::Cloud::new`] takes as they are.
-//! 2. [`surfels::sample()`] spreads surfels over a mesh; [`volumes::iso_surfels`] over the surface at a value
+//! 1. [`importers::open`] reads a file into a [`surfels::Mesh`], a [`volumes::Volume`], a [`surfels::PointCloud`] or
+//!    [`engine::Splats`], which [`engine::Cloud::new`] takes as they are; [`importers::export::save`] writes splats and volumes.
+//! 2. [`surfels::sample()`] spreads surfels over a mesh; [`surfels::point_surfels`] makes one of each point; [`volumes::iso_surfels`] over the surface at a value
 //!    of a volume; [`volumes::to_kernels`] turns its inside into kernels, under a
 //!    [`volumes::TransferFunction`]. Each gives an [`engine::Cloud`].
 //! 3. An [`engine::Scene`] holds clouds and lights, all mixed; an [`engine::Camera`] sees it.

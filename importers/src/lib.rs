@@ -29,8 +29,8 @@
 //! the bytes that are there before anything is allocated, decompression stops at the size that is
 //! expected, indices and offsets are checked, and what is wrong is an [`ImportError`] that says where.
 //!
-//! Meshes, points and splats keep the axes of their file (but [`splats::spz`]); glTF's are oblate's (+Y up, right-handed). Volumes keep the frame of
-//! their file, whatever it calls its axes; samples are voxel centres.
+//! Meshes, points and splats keep the axes of their file (but [`splats::spz`]); glTF's are oblate's (+Y up, right-handed).
+//! Volumes keep the frame of their file, whatever it calls its axes; samples are voxel centres.
 
 mod content;
 mod error;

@@ -17,8 +17,8 @@ use std::path::PathBuf;
 
 /// Writes what a file holds in another format: splats as PLY, .splat, .spz or glTF, volumes as NRRD or VTI.
 ///
-/// Meshes and point clouds become surfels; volumes become iso-surfels or kernels where --iso or --transfer asks for
-/// them. What a format has no room for is said.
+/// Meshes become surfels, 500,000 unless --surfels or --surfel-spacing asks for others, and points one each; volumes
+/// become iso-surfels or kernels where --iso or --transfer asks for them. What a format has no room for is said.
 #[derive(Args)]
 pub(crate) struct ConvertArgs {
     /// What is read: any file that render takes, but no scene file

@@ -30,6 +30,8 @@ pub(crate) struct Point {
 pub(crate) struct Gather {
     cloud: PointCloud,
     not_finite: usize,
+    /// The farthest that rounding to single precision moved a coordinate.
+    moved: f64,
     pub(crate) notes: Vec<Note>,
 }
 
@@ -47,11 +49,11 @@ impl Gather {
             radii: room(has.radii, count),
             ..PointCloud::default()
         };
-        Self { cloud, not_finite: 0, notes: Vec::new() }
+        Self { cloud, not_finite: 0, moved: 0.0, notes: Vec::new() }
     }
 
     pub(crate) fn put(&mut self, point: &Point) {
-        let Self { cloud, .. } = self;
+        let cloud = &mut self.cloud;
         let origin = if cloud.positions.is_empty() { point.position.trunc() } else { cloud.origin };
         let position = (point.position - origin).as_vec3();
         let color = cloud.colors.is_none() || point.color.iter().all(|c| c.is_finite());
@@ -60,6 +62,8 @@ impl Gather {
             self.not_finite += 1;
             return;
         }
+        let exact = point.position - origin;
+        self.moved = self.moved.max((exact - position.as_dvec3()).abs().max_element());
         cloud.origin = origin;
         cloud.positions.push(position);
         cloud.colors.iter_mut().for_each(|colors| colors.push(point.color));
@@ -108,6 +112,30 @@ impl Gather {
             let problem = format!("there are no points in it, at least one is needed: {why}");
             return Err(file.malformed(Place::Whole, problem));
         }
+        let spacing = spacing(&self.cloud.positions);
+        if spacing > 0.0 && self.moved > VISIBLE * spacing {
+            let what = format!(
+                "places, by up to {:.1e} where points are about {spacing:.1e} apart: they are kept in single precision, as \
+                 distances from the first point",
+                self.moved
+            );
+            self.notes.push(Note::Rounded(what));
+        }
         Ok(Opened::noting(Content::Points(self.cloud), self.notes))
     }
+}
+
+/// Share of their spacing that points may be moved by without a word.
+const VISIBLE: f64 = 0.01;
+
+/// About how far apart points of a surface are that lies within the middle 98 % of each coordinate: strays don't count.
+fn spacing(positions: &[Vec3]) -> f64 {
+    let extent = |axis: usize| {
+        let mut values: Vec<f32> = positions.iter().map(|position| position[axis]).collect();
+        let (low, high) = (values.len() / 100, values.len() - 1 - values.len() / 100);
+        let low = *values.select_nth_unstable_by(low, f32::total_cmp).1;
+        let high = *values.select_nth_unstable_by(high, f32::total_cmp).1;
+        f64::from(high) - f64::from(low)
+    };
+    extent(0).max(extent(1)).max(extent(2)) / (positions.len() as f64).sqrt()
 }

@@ -74,3 +74,18 @@ fn what_is_refused() {
         folder.refused("a.xyz", text, parts);
     }
 }
+
+#[test]
+fn a_first_point_far_from_the_others_is_told() {
+    let folder = Folder::new();
+    let grid = |first: &str| {
+        let row = |i: u32| {
+            format!("{} {} 7\n", 500_000.0 + f64::from(i % 30) / 50.0, 4e6 + f64::from(i / 30) / 50.0)
+        };
+        folder.open("a.xyz", first.to_owned() + &(0..900).map(row).collect::<String>()).unwrap().notes
+    };
+    assert_eq!(grid(""), []);
+    // Distances of four million are rounded to a quarter, of points a fiftieth apart.
+    let [Note::Rounded(said)] = &grid("0 0 0\n")[..] else { panic!("nothing is said") };
+    assert!(said.contains("about 2.0e-2 apart") || said.contains("about 1.9e-2 apart"), "{said}");
+}
