@@ -1,14 +1,15 @@
 //! Files that appear only when they are complete.
 
 use anyhow::{Context, Result};
-use std::io::{BufWriter, Seek, Write};
+use std::fs::OpenOptions;
+use std::io::{BufWriter, Cursor, Seek, Write};
 use std::path::{Path, PathBuf};
 use tempfile::Builder;
 
 /// A place for a file, which [`Output::finish`] writes beside it and moves there.
 pub(crate) struct Output {
     path: PathBuf,
-    /// Where the path leads, whatever the folder is called.
+    /// Where the path leads, whatever links are on the way.
     place: PathBuf,
 }
 
@@ -20,10 +21,15 @@ impl Output {
         let Some(name) = path.file_name().filter(|_| !path.is_dir()) else {
             anyhow::bail!("{}: it is a folder", failed());
         };
-        let folder = folder_of(path);
-        let place = folder.canonicalize().with_context(failed)?.join(name);
+        let place = match path.canonicalize() {
+            Ok(place) => place,
+            Err(_) => folder_of(path).canonicalize().with_context(failed)?.join(name),
+        };
+        if is_stream(&place) {
+            return Ok(Self { path: path.to_owned(), place });
+        }
         // This file has no name where the system can do without; else it loses it at once.
-        tempfile::tempfile_in(folder).map_err(without_path).with_context(failed)?;
+        tempfile::tempfile_in(folder_of(&place)).map_err(without_path).with_context(failed)?;
         Ok(Self { path: path.to_owned(), place })
     }
 
@@ -32,25 +38,38 @@ impl Output {
         self.place == other.place
     }
 
-    /// Writes the contents and moves the file to its place, over what was there.
+    /// Writes the contents and moves the file to its place, over what was there. A device or a pipe stays what it is
+    /// and is given the contents.
     pub(crate) fn finish(self, write: impl FnOnce(&mut dyn WriteSeek) -> Result<()>) -> Result<()> {
         self.write(write).with_context(|| format!("cannot write {}", self.path.display()))
     }
 
     fn write(&self, write: impl FnOnce(&mut dyn WriteSeek) -> Result<()>) -> Result<()> {
+        if is_stream(&self.place) {
+            // The contents need a place where writing can go back.
+            let mut contents = Cursor::new(Vec::new());
+            write(&mut contents)?;
+            return Ok(OpenOptions::new().write(true).open(&self.place)?.write_all(contents.get_ref())?);
+        }
         let mut builder = Builder::new();
         builder.prefix(".oblate-").suffix(".part");
         // Without this only the owner could read the picture; the process's mask still applies.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let file = builder.tempfile_in(folder_of(&self.path)).map_err(without_path)?;
+        let file = builder.tempfile_in(folder_of(&self.place)).map_err(without_path)?;
         let mut buffer = BufWriter::new(file.as_file());
         write(&mut buffer)?;
         buffer.flush()?;
         drop(buffer);
-        file.persist(&self.path).map_err(|e| e.error)?;
+        file.persist(&self.place).map_err(|e| e.error)?;
         Ok(())
     }
+}
+
+/// Whether there is a device or a pipe, which no file may replace: that of a user who may do everything would take
+/// /dev/null from everybody.
+fn is_stream(place: &Path) -> bool {
+    place.metadata().is_ok_and(|there| !there.is_file() && !there.is_dir())
 }
 
 fn folder_of(path: &Path) -> &Path {

@@ -323,3 +323,25 @@ fn slabs_come_closer_to_the_reference_than_centers() {
     assert!(slabs < 0.2 * centers && thick > 5.0 * slabs);
     assert_eq!(auto, slabs);
 }
+
+/// As /dev/null must: a file moved over it would take it from everybody.
+#[cfg(unix)]
+#[test]
+fn a_pipe_stays_a_pipe_and_a_link_a_link() {
+    use std::os::unix::fs::FileTypeExt;
+    let place = Workplace::new();
+    place.cube();
+    place.write("kept.png", "");
+    let [pipe, link] = ["stats.json", "link.png"].map(|name| place.path(name));
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    std::os::unix::fs::symlink("kept.png", &link).unwrap();
+    let reader = {
+        let pipe = pipe.clone();
+        std::thread::spawn(move || std::fs::read_to_string(pipe).unwrap())
+    };
+    place.run(&["render", "cube.obj", "-o", "link.png", "--size", "16x16", "--stats", "stats.json"]);
+    assert!(reader.join().unwrap().starts_with('{'));
+    assert!(pipe.symlink_metadata().unwrap().file_type().is_fifo());
+    assert!(link.symlink_metadata().unwrap().is_symlink());
+    assert_eq!(levels(&place.path("kept.png")).dimensions(), (16, 16));
+}
