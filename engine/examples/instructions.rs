@@ -47,7 +47,7 @@ impl Observer for Marker {
 
     fn counts(&self, counts: Counts) {
         if self.is_measured.load(Relaxed) {
-            let Counts { splats, visible, fragments, late: _ } = counts;
+            let Counts { splats, visible, fragments, .. } = counts;
             println!("{:?} {splats} {visible} {fragments}", Level::best());
         }
     }

@@ -1,10 +1,11 @@
 //! Clouds of splats: structure of arrays, one strength for all splats of a cloud.
 
 use crate::columns::Columns;
-use crate::cull::{self, Cluster};
+use crate::levels::{self, Level};
 use glam::{DAffine3, DMat3, Mat3, Vec3};
 use rayon::prelude::*;
 use std::fmt::Debug;
+use std::sync::Arc;
 use thiserror::Error;
 
 /// The covariances of a cloud's splats, each as a factor **F** with **Σ = F Fᵀ**.
@@ -152,12 +153,12 @@ impl Harmonics {
 }
 
 /// Splats that can be drawn: every number finite, every array of one length.
+///
+/// A clone shares the splats: a cloud can stand in many places of a scene, by [`Cloud::transformed`], and takes its memory once.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cloud {
-    columns: Columns,
-    clusters: Vec<Cluster>,
-    /// See [`Self::median_sigma`]; in cloud space.
-    median_sigma: Option<f32>,
+    /// The splats, and levels of fewer and fewer that stand for them; at least the first.
+    levels: Arc<Vec<Level>>,
     cloud_to_world: DAffine3,
 }
 
@@ -198,10 +199,20 @@ impl Cloud {
     /// When arrays differ in length or a number is not finite or outside its documented range.
     pub fn new(splats: Splats) -> Result<Self, CloudError> {
         validate(&splats)?;
-        let columns = Columns::new(splats);
-        let clusters = cull::clusters(&columns);
-        let median_sigma = columns.median_sigma();
-        Ok(Self { columns, clusters, median_sigma, cloud_to_world: DAffine3::IDENTITY })
+        let levels = Arc::new(vec![Level::of_splats(Columns::new(splats))]);
+        Ok(Self { levels, cloud_to_world: DAffine3::IDENTITY })
+    }
+
+    /// The same cloud with levels of detail: splats that stand for four of the level below each, down to the cloud's own. A
+    /// renderer draws them where the picture can't tell. Splats are put in another order, which ids follow, among those of
+    /// each run of 4096; they should be in an order that keeps neighbours together, as [`Splats::in_morton_order`] does.
+    #[must_use]
+    pub fn with_levels(self) -> Self {
+        if self.levels.len() > 1 {
+            return self;
+        }
+        let levels = Arc::try_unwrap(self.levels).unwrap_or_else(|shared| shared.as_ref().clone());
+        Self { levels: Arc::new(levels::with_coarser(levels)), ..self }
     }
 
     /// The same cloud elsewhere: `outer` is applied after the transform that the cloud already has.
@@ -214,47 +225,48 @@ impl Cloud {
 
     /// The number of splats.
     pub fn len(&self) -> usize {
-        self.columns.len
+        self.columns().len
     }
 
     /// Whether there is nothing to draw.
     pub fn is_empty(&self) -> bool {
-        self.columns.len == 0
+        self.columns().len == 0
     }
 
     /// A copy of the arrays, in the order of ids; coefficients of harmonics as they were rounded to 16 bits.
     pub fn splats(&self) -> Splats {
-        self.columns.splats()
+        self.columns().splats()
     }
 
     /// The centre of splat `index` in cloud space.
     pub fn center(&self, index: usize) -> Vec3 {
-        self.columns.center(index)
+        self.columns().center(index)
     }
 
     /// The covariance factor of splat `index` in cloud space.
     pub fn factor(&self, index: usize) -> Mat3 {
-        self.columns.factor(index)
+        self.columns().factor(index)
     }
 
     /// How the splats answer light.
     pub fn material(&self) -> Material {
-        self.columns.material
+        self.columns().material
     }
 
     pub(crate) fn columns(&self) -> &Columns {
-        &self.columns
+        &self.levels[0].columns
+    }
+
+    /// The splats, and those that stand for them, ever fewer.
+    pub(crate) fn levels(&self) -> &[Level] {
+        &self.levels
     }
 
     /// The median over the kernels of √(3/tr Σ⁻¹) in the world, exact where the transform keeps proportions: 1/σ² along a ray
     /// in the mean over all directions. So it doesn't depend on the view. `None` of surfaces, and without any.
     pub(crate) fn median_sigma(&self) -> Option<f64> {
         let scale = self.cloud_to_world.matrix3.determinant().abs().cbrt();
-        Some(f64::from(self.median_sigma?) * scale).filter(|sigma| *sigma > 0.0)
-    }
-
-    pub(crate) fn clusters(&self) -> &[Cluster] {
-        &self.clusters
+        Some(f64::from(self.levels[0].median_sigma?) * scale).filter(|sigma| *sigma > 0.0)
     }
 
     /// The transform from cloud space to the world.

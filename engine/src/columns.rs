@@ -7,6 +7,9 @@ use rayon::prelude::*;
 /// Splats of a block.
 pub(crate) const LANES: usize = 8;
 
+/// Consecutive splats that one of the next level of detail stands for: two families a block.
+pub(crate) const CHILDREN: usize = 4;
+
 /// The least number of blocks that a thread makes at a time.
 const BLOCKS_A_TASK: usize = 256;
 
@@ -20,7 +23,7 @@ pub(crate) struct Column<const N: usize>(Vec<[Lanes; N]>);
 
 impl<const N: usize> Column<N> {
     /// The column of what `row` makes of the values, which are freed.
-    fn new<T: Sync>(values: Vec<T>, row: impl Fn(&T) -> [f32; N] + Sync) -> Self {
+    pub(crate) fn new<T: Sync>(values: Vec<T>, row: impl Fn(&T) -> [f32; N] + Sync) -> Self {
         let block = |values: &[T]| {
             let rows: [_; LANES] = std::array::from_fn(|lane| row(&values[lane.min(values.len() - 1)]));
             std::array::from_fn(|i| rows.map(|row| row[i]))

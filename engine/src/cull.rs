@@ -1,28 +1,109 @@
-//! Stage `cull`: which ranges of a scene's splats can be seen.
+//! Stage `cull`: which ranges of a scene's splats can be seen, on which level of detail.
+//!
+//! A splat is drawn where the filter of the pixels is as wide as it needs and not as wide as its parent needs. The filter is
+//! that at the nearest place of a cluster, or of the cluster above it if that is wider; needs and filters grow with the level,
+//! so of a splat and all that stand for it exactly one is drawn.
 
 use crate::camera::{Camera, Projection};
-use crate::columns::{Columns, Factors, Kind};
+use crate::cloud::Cloud;
+use crate::columns::{CHILDREN, Kind, LANES};
 use crate::footprint::{CameraSplat, Lens};
+use crate::levels::{Level, allowance, frobenius};
 use crate::scene::{RenderSettings, Scene};
-use glam::{DVec3, DVec4, Vec3};
-use rayon::prelude::*;
+use glam::{DAffine3, DMat3, DVec3, DVec4, Vec3};
 use std::ops::Range;
+
+/// Splats a cluster.
+pub(crate) const CLUSTER_SIZE: usize = 1024;
 
 /// Consecutive splats of one cloud that may be visible.
 #[derive(Clone, Debug)]
 pub(crate) struct VisibleRange {
     /// The cloud's number in the scene.
     pub(crate) cloud: usize,
-    /// Splats of that cloud.
+    /// Its level of detail.
+    pub(crate) level: usize,
+    /// Splats of that level.
     pub(crate) splats: Range<usize>,
+    /// Which of them are drawn; `None`: all.
+    choice: Option<Choice>,
     /// The scene-wide number of the cloud's first splat.
-    pub(crate) first_id: u32,
+    first_id: u32,
     /// The middle of their box, in cloud space.
     pub(crate) center: Vec3,
+    /// The same in camera space, and how far the kernels reach from there.
+    pub(crate) center_in_camera: DVec3,
+    pub(crate) reach: f64,
     /// Their distances from the eye, or z where rays are parallel: at least and at most.
     pub(crate) distances: [f32; 2],
     /// Whether the cloud is a surface.
     pub(crate) is_surface: bool,
+}
+
+/// Which splats of a range are drawn: those whose needs the filter meets, but not those of their parents.
+#[derive(Clone, Copy, Debug)]
+struct Choice {
+    filter: f32,
+    /// `None` on the highest level.
+    filter_above: Option<f32>,
+}
+
+impl VisibleRange {
+    /// Splats of the first cloud's first level.
+    #[cfg(test)]
+    pub(crate) fn whole(splats: Range<usize>, center: Vec3, is_surface: bool) -> Self {
+        Self {
+            cloud: 0,
+            level: 0,
+            splats,
+            choice: None,
+            first_id: 0,
+            center,
+            center_in_camera: DVec3::ZERO,
+            reach: f64::INFINITY,
+            distances: [0.0, f32::INFINITY],
+            is_surface,
+        }
+    }
+
+    /// Which of eight splats from `first` on, which begins a block, are drawn, of a cloud with these levels.
+    #[inline(always)]
+    pub(crate) fn chosen(&self, levels: &[Level], first: usize) -> u32 {
+        let count = (self.splats.end - first).min(LANES);
+        let valid = (1_u32 << count) - 1;
+        self.choice.map_or(valid, |choice| valid & choice.of(&levels[self.level..], first))
+    }
+
+    /// The scene-wide number of a splat; of one that stands for others the first one's.
+    #[inline(always)]
+    pub(crate) fn id(&self, index: usize) -> u32 {
+        self.first_id + (index * CHILDREN.pow(self.level as u32)) as u32
+    }
+
+    /// How many splats are drawn.
+    pub(crate) fn count(&self, levels: &[Level]) -> usize {
+        let splats = self.splats.clone();
+        if self.choice.is_none() {
+            return splats.len();
+        }
+        splats.step_by(LANES).map(|first| self.chosen(levels, first).count_ones() as usize).sum()
+    }
+}
+
+impl Choice {
+    /// Of a level and those above it.
+    #[inline(always)]
+    fn of(&self, levels: &[Level], first: usize) -> u32 {
+        let own = levels[0].needs(first / LANES);
+        let met = |lane: usize| u32::from(own[lane] <= self.filter) << lane;
+        let own = (0..LANES).fold(0, |set, lane| set | met(lane));
+        let Some(filter_above) = self.filter_above else { return own };
+        // A block has the children of two splats.
+        let parent = first / CHILDREN;
+        let needs = levels[1].needs(parent / LANES);
+        let is_open = |which: usize| needs[(parent + which) % LANES] > filter_above;
+        own & ((u32::from(is_open(0)) * 0x0f) | (u32::from(is_open(1)) * 0xf0))
+    }
 }
 
 /// The planes of a view; a camera-space point p is inside where xyz·p + w ≥ 0.
@@ -71,78 +152,148 @@ impl Frustum {
     }
 }
 
-/// Finds the clusters whose bounding sphere, grown by the reach of its kernels, touches the frustum.
+/// Finds the clusters whose bounding sphere, grown by the reach of its kernels, touches the frustum, on the levels of detail
+/// that the pixels' filter allows; `widening` lets them take it for wider than it is.
 pub(crate) fn find_visible(
     scene: &Scene,
     camera: &Camera,
-    settings: &RenderSettings,
+    (settings, widening): (&RenderSettings, f64),
     visible: &mut Vec<VisibleRange>,
 ) {
     visible.clear();
     let frustum = Frustum::new(camera);
     let perspective = camera.projection() == Projection::Perspective;
+    let pixel_filter = settings.low_pass.sqrt() / camera.intrinsics().focal.min_element();
     let mut first_id = 0;
     for (index, cloud) in scene.clouds.iter().enumerate() {
         let cloud_to_camera = camera.pose().world_to_camera * cloud.cloud_to_world();
-        let is_surface = matches!(cloud.columns().kind, Kind::Surface(_));
-        // The Frobenius norm bounds how far the transform stretches anything.
-        let stretch = frobenius(cloud_to_camera.matrix3);
-        for cluster in cloud.clusters() {
-            let center = cloud_to_camera.transform_point3(cluster.center.as_dvec3());
-            let radius = stretch * f64::from(cluster.radius);
-            let farthest = if perspective { center.z.abs() + radius } else { 1.0 };
-            let filter = settings.low_pass.sqrt() * farthest / camera.intrinsics().focal.min_element();
-            let sigma = (stretch * f64::from(cluster.largest_sigma)).hypot(filter);
-            if !frustum.touches_sphere(center, radius + settings.cutoff.sqrt() * sigma) {
-                continue;
-            }
-            let distance = if perspective { center.length() } else { center.z };
-            let least = if perspective { (distance - radius).max(0.0) } else { distance - radius };
-            visible.push(VisibleRange {
-                cloud: index,
-                splats: cluster.splats.clone(),
-                first_id,
-                center: cluster.center,
-                distances: [least as f32, (distance + radius) as f32],
-                is_surface,
-            });
+        let search = Search {
+            cloud,
+            index,
+            first_id,
+            frustum: &frustum,
+            near: camera.near(),
+            perspective,
+            pixel_filter,
+            allowance: allowance(settings.tolerance) * widening / largest_stretch(cloud_to_camera.matrix3),
+            cutoff: settings.cutoff,
+            // The Frobenius norm bounds how far the transform stretches anything.
+            stretch: frobenius(cloud_to_camera.matrix3),
+            cloud_to_camera,
+        };
+        let top = if settings.level_of_detail { cloud.levels().len() - 1 } else { 0 };
+        for cluster in 0..cloud.levels()[top].clusters.len() {
+            search.visit((top, top), cluster, 0.0, visible);
         }
         first_id += cloud.len() as u32;
     }
 }
 
-fn frobenius(m: glam::DMat3) -> f64 {
-    (m.x_axis.length_squared() + m.y_axis.length_squared() + m.z_axis.length_squared()).sqrt()
-}
-
-/// Consecutive splats with a bounding sphere, in cloud space.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Cluster {
-    pub(crate) splats: Range<usize>,
-    center: Vec3,
-    radius: f32,
-    largest_sigma: f32,
-}
-
-/// Splats a cluster.
-pub(crate) const CLUSTER_SIZE: usize = 1024;
-
-/// Cuts a cloud into clusters of consecutive splats.
-pub(crate) fn clusters(columns: &Columns) -> Vec<Cluster> {
-    let sigma = |index: usize| frobenius(columns.factor(index).as_dmat3()) as f32;
-    let cluster = |number: usize| {
-        let start = number * CLUSTER_SIZE;
-        let splats = start..columns.len.min(start + CLUSTER_SIZE);
-        let centers = || splats.clone().map(|i| columns.center(i));
-        let first = columns.center(start);
-        let (low, high) = centers().fold((first, first), |(low, high), p| (low.min(p), high.max(p)));
-        let center = low * 0.5 + high * 0.5;
-        let radius = centers().map(|p| p.distance_squared(center)).fold(0.0, f32::max).sqrt();
-        let largest_sigma = match &columns.factors {
-            Factors::Shared(_) => sigma(start),
-            Factors::Each(_) => splats.clone().map(sigma).fold(0.0, f32::max),
-        };
-        Cluster { splats, center, radius, largest_sigma }
+/// Widens the filter until no more splats are drawn than the budget allows, where there is one.
+pub(crate) fn find_affordable(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &RenderSettings,
+    visible: &mut Vec<VisibleRange>,
+) {
+    find_visible(scene, camera, (settings, 1.0), visible);
+    let Some(budget) = settings.budget else { return };
+    let count = |visible: &[VisibleRange]| -> usize {
+        visible.iter().map(|range| range.count(scene.clouds[range.cloud].levels())).sum()
     };
-    (0..columns.len.div_ceil(CLUSTER_SIZE)).into_par_iter().map(cluster).collect()
+    // Powers of two: the first that will do, or one so wide that nothing but the last levels is drawn; then what lies
+    // between it and the one before.
+    let (mut too_narrow, mut wide_enough) = (0.0, 0.0);
+    while count(visible) > budget && wide_enough < WIDEST {
+        (too_narrow, wide_enough) = (wide_enough, wide_enough + 1.0);
+        find_visible(scene, camera, (settings, f64::exp2(wide_enough)), visible);
+    }
+    if wide_enough == 0.0 {
+        return;
+    }
+    for _ in 0..BISECTIONS {
+        let middle = 0.5 * (too_narrow + wide_enough);
+        find_visible(scene, camera, (settings, f64::exp2(middle)), visible);
+        if count(visible) > budget { too_narrow = middle } else { wide_enough = middle }
+    }
+    find_visible(scene, camera, (settings, f64::exp2(wide_enough)), visible);
+}
+
+/// The widest filter that a budget may ask for, as a power of two, and how often it is halved to fit.
+const WIDEST: f64 = 40.0;
+const BISECTIONS: usize = 8;
+
+/// At most how many times longer a vector gets; exact where proportions are kept.
+fn largest_stretch(m: DMat3) -> f64 {
+    let product = m.transpose() * m;
+    let sums = [product.x_axis, product.y_axis, product.z_axis].map(|axis| axis.abs().element_sum());
+    sums.into_iter().fold(0.0, f64::max).sqrt().max(f64::MIN_POSITIVE)
+}
+
+/// A walk through the clusters of a cloud.
+struct Search<'a> {
+    cloud: &'a Cloud,
+    index: usize,
+    first_id: u32,
+    frustum: &'a Frustum,
+    near: f64,
+    perspective: bool,
+    /// Standard deviation of the pixels' filter where z is 1.
+    pixel_filter: f64,
+    /// What makes a filter in the world one that needs are compared with.
+    allowance: f64,
+    cutoff: f64,
+    stretch: f64,
+    cloud_to_camera: DAffine3,
+}
+
+impl Search<'_> {
+    fn visit(
+        &self,
+        (level, top): (usize, usize),
+        number: usize,
+        filter_above: f32,
+        visible: &mut Vec<VisibleRange>,
+    ) {
+        let levels = self.cloud.levels();
+        let cluster = &levels[level].clusters[number];
+        let has_parents = level < top;
+        if has_parents && cluster.parents_need[1] <= filter_above {
+            return;
+        }
+        let center = self.cloud_to_camera.transform_point3(cluster.center.as_dvec3());
+        let radius = self.stretch * f64::from(cluster.radius);
+        let farthest = if self.perspective { center.z.abs() + radius } else { 1.0 };
+        let sigma = (self.stretch * f64::from(cluster.largest_sigma)).hypot(self.pixel_filter * farthest);
+        let reach = radius + self.cutoff.sqrt() * sigma;
+        if !self.frustum.touches_sphere(center, reach) {
+            return;
+        }
+        let nearest = if self.perspective { (center.z - radius).max(self.near) } else { 1.0 };
+        let filter = ((self.pixel_filter * nearest * self.allowance) as f32).max(filter_above);
+        let [least, most] = cluster.needs;
+        if level > 0 && most > filter {
+            let children = number * CHILDREN..levels[level - 1].clusters.len().min((number + 1) * CHILDREN);
+            children.for_each(|child| self.visit((level - 1, top), child, filter, visible));
+        }
+        if least > filter {
+            return;
+        }
+        let is_whole = most <= filter && (!has_parents || cluster.parents_need[0] > filter_above);
+        let choice = Choice { filter, filter_above: has_parents.then_some(filter_above) };
+        let distance = if self.perspective { center.length() } else { center.z };
+        let least = if self.perspective { (distance - radius).max(0.0) } else { distance - radius };
+        visible.push(VisibleRange {
+            cloud: self.index,
+            level,
+            splats: cluster.splats.clone(),
+            choice: (!is_whole).then_some(choice),
+            first_id: self.first_id,
+            center: cluster.center,
+            center_in_camera: center,
+            reach,
+            distances: [least as f32, (distance + radius) as f32],
+            is_surface: matches!(self.cloud.columns().kind, Kind::Surface(_)),
+        });
+    }
 }

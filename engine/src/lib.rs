@@ -26,6 +26,7 @@ pub mod footprint;
 pub mod frame;
 mod harmonics;
 mod layers;
+mod levels;
 pub mod metrics;
 mod morton;
 pub mod observer;

@@ -49,8 +49,16 @@ impl Stage {
 pub struct Counts {
     /// Splats in the scene.
     pub splats: u64,
+    /// Splats, of whatever level of detail, that were not projected because their clusters lie outside the picture.
+    pub culled: u64,
+    /// Splats, of whatever level of detail, that were not projected because their clusters are hidden.
+    pub occluded: u64,
     /// Splats whose footprint touches the picture.
     pub visible: u64,
+    /// Those of them that stand for others.
+    pub merged: u64,
+    /// Those of them in each form: point, affine, exact.
+    pub forms: [u64; 3],
     /// Pixels that were evaluated, summed over the passes over surfaces and volumes: sixteen for each block of 4×4 that a
     /// splat's ellipse meets, as far as it could still be seen there.
     pub fragments: u64,

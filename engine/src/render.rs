@@ -4,7 +4,7 @@ use crate::bin::TileLists;
 use crate::camera::Camera;
 use crate::closing::Closing;
 use crate::composite::{Compositor, KernelBuffers, Runs};
-use crate::cull::{VisibleRange, find_visible};
+use crate::cull::{VisibleRange, find_affordable};
 use crate::cuts::Cuts;
 use crate::footprint::{Lens, Records, SceneView};
 use crate::frame::{Channels, Frame, FrameRows};
@@ -128,7 +128,7 @@ impl Renderer {
         );
         let [fragments, late] = self.draw(camera, (settings, closing), observer);
         let visible = (self.surfaces.records.len() + self.volumes.records.len()) as u64;
-        observer.counts(Counts { splats: splats as u64, visible, fragments, late });
+        observer.counts(Counts { splats: splats as u64, visible, fragments, late, ..Counts::default() });
         Ok(&self.frame)
     }
 
@@ -139,7 +139,7 @@ impl Renderer {
 
     fn cull(&mut self, scene: &Scene, camera: &Camera, settings: &RenderSettings) {
         let [surfaces, volumes] = &mut self.visible;
-        find_visible(scene, camera, settings, volumes);
+        find_affordable(scene, camera, settings, volumes);
         surfaces.clear();
         surfaces.extend(volumes.extract_if(.., |range| range.is_surface));
         // Near surfaces hide far ones: what comes first is drawn first.

@@ -122,6 +122,12 @@ pub struct RenderSettings {
     pub tolerance: f64,
     /// Squared Mahalanobis radius at which kernels are cut off; their mass is renormalised.
     pub cutoff: f64,
+    /// Whether splats of coarser levels are drawn where the tolerance allows, of clouds that have levels.
+    pub level_of_detail: bool,
+    /// The picture is drawn with at most as many splats, as far as clouds have levels: the best that can be had.
+    pub budget: Option<usize>,
+    /// Whether what is hidden is left out before it is projected.
+    pub occlusion: bool,
     /// What the frame holds.
     pub channels: Channels,
 }
@@ -138,6 +144,9 @@ impl Default for RenderSettings {
             background: [0.0; 4],
             tolerance: 1.0 / 255.0,
             cutoff: 12.25,
+            level_of_detail: true,
+            budget: None,
+            occlusion: true,
             channels: Channels::All,
         }
     }

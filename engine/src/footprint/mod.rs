@@ -124,7 +124,7 @@ impl Records {
         ranges.par_iter().zip(&mut self.runs).zip(places).for_each(
             |((range, run), (((records, rects), distances), samples))| {
                 let mut places = Places { records, rects, distances, samples, run };
-                let projector = view.projector(range.cloud);
+                let projector = view.projector(range);
                 WideProjector::new(&projector).project(view.level, range, &mut places);
             },
         );
@@ -143,11 +143,16 @@ pub(crate) struct SceneView<'a> {
 }
 
 impl SceneView<'_> {
-    fn projector(&self, cloud: usize) -> Projector<'_> {
+    fn projector(&self, range: &VisibleRange) -> Projector<'_> {
         let Self { scene, camera, settings, shaders, .. } = *self;
         let (lens, frustum) = (Lens::new(camera, settings.low_pass), Frustum::new(camera));
         let view = View { camera, settings, lens, frustum, closing: self.closing };
-        Projector::new(&scene.clouds[cloud], cloud as u16, &shaders[cloud], view)
+        Projector::new(
+            (&scene.clouds[range.cloud], range.level),
+            range.cloud as u16,
+            &shaders[range.cloud],
+            view,
+        )
     }
 }
 

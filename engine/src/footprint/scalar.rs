@@ -8,9 +8,10 @@ use crate::camera::{Camera, Projection};
 use crate::closing::Closing;
 use crate::cloud::{Cloud, OpacityFilter, area_scale};
 use crate::color::{linear_to_srgb, srgb_to_linear};
-use crate::columns;
+use crate::columns::{self, Columns};
 use crate::cull::Frustum;
 use crate::harmonics::basis;
+use crate::levels::Level;
 use crate::scene::{Blend, FootprintForm, RenderSettings};
 use crate::shade::Shader;
 use glam::{DAffine3, DMat3, DVec3, Vec3};
@@ -32,7 +33,10 @@ pub(super) struct View<'a> {
 
 /// Projects the splats of one cloud.
 pub(super) struct Projector<'a> {
-    pub(super) cloud: &'a Cloud,
+    /// Of the cloud.
+    pub(super) levels: &'a [Level],
+    /// Of the level whose splats are projected.
+    pub(super) columns: &'a Columns,
     pub(super) cloud_index: u16,
     pub(super) shader: &'a Shader,
     pub(super) view: View<'a>,
@@ -43,7 +47,13 @@ pub(super) struct Projector<'a> {
 }
 
 impl<'a> Projector<'a> {
-    pub(super) fn new(cloud: &'a Cloud, cloud_index: u16, shader: &'a Shader, view: View<'a>) -> Self {
+    /// Projects splats of a level of a cloud.
+    pub(super) fn new(
+        (cloud, level): (&'a Cloud, usize),
+        cloud_index: u16,
+        shader: &'a Shader,
+        view: View<'a>,
+    ) -> Self {
         let cloud_to_camera = view.camera.pose().world_to_camera * cloud.cloud_to_world();
         let linear = cloud_to_camera.matrix3;
         let determinant = linear.determinant().abs();
@@ -55,7 +65,8 @@ impl<'a> Projector<'a> {
         );
         let normal_to_camera = cofactor * linear.determinant().signum();
         Self {
-            cloud,
+            levels: cloud.levels(),
+            columns: &cloud.levels()[level].columns,
             cloud_index,
             shader,
             view,
@@ -67,9 +78,9 @@ impl<'a> Projector<'a> {
     }
 
     /// What is drawn of a splat; `None` if nothing.
-    pub(super) fn project_splat(&self, index: usize, first_id: u32) -> Option<Projected> {
+    pub(super) fn project_splat(&self, index: usize, id: u32) -> Option<Projected> {
         let View { camera, settings, lens, frustum, closing } = &self.view;
-        let splats = self.cloud.columns();
+        let splats = self.columns;
         let factor_in_cloud = splats.factor(index);
         let splat = CameraSplat {
             center: self.cloud_to_camera.transform_point3(splats.center(index).as_dvec3()),
@@ -136,7 +147,7 @@ impl<'a> Projector<'a> {
         };
         let gain = cutoff_gain(cutoff);
         let ray = footprint.center_ray;
-        let mut sample = SurfaceSample { id: first_id + index as u32, ..SurfaceSample::default() };
+        let mut sample = SurfaceSample { id, ..SurfaceSample::default() };
         match &splats.kind {
             columns::Kind::Extinction => {
                 let mass = f64::from(splats.strength(index)) * self.determinant * gain;
@@ -189,7 +200,7 @@ impl<'a> Projector<'a> {
 
     /// The splat's colour in the space of blending, as it is seen from the eye.
     fn color(&self, index: usize) -> [f32; 3] {
-        let splats = self.cloud.columns();
+        let splats = self.columns;
         let linear = splats.color(index);
         let blend = self.view.settings.blend;
         let Some(harmonics) = &splats.harmonics else {

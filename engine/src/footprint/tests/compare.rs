@@ -157,7 +157,7 @@ pub(super) fn compare(
 }
 
 fn scalar_normal(projector: &Projector, index: usize) -> DVec3 {
-    let factor = projector.cloud.factor(index).as_dmat3();
+    let factor = projector.columns.factor(index).as_dmat3();
     factor.x_axis.cross(factor.y_axis)
 }
 
@@ -169,7 +169,7 @@ fn compare_looks(
     (splat, index, extent): (&CameraSplat, usize, f64),
     (a, b): (&Projected, &Projected),
 ) -> Result<(), String> {
-    let normal = projector.cloud.columns().normal(index).as_dvec3();
+    let normal = projector.columns.normal(index).as_dvec3();
     let normal = (projector.normal_to_camera * normal).normalize_or_zero();
     let own = (projector.normal_to_camera * scalar_normal(projector, index)).normalize_or_zero();
     let to_eye =

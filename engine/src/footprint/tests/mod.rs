@@ -16,7 +16,7 @@ use setups::{Seen, Setup, camera, cloud, seen, setup};
 fn wide(level: Level, projector: &Projector, middle: Vec3, is_surface: bool) -> Vec<Option<Projected>> {
     let wide = WideProjector::new(projector);
     let mut before = 0;
-    (1..=projector.cloud.len())
+    (1..=projector.columns.len)
         .map(|count| {
             // The splats up to this one: if there is one more than without it, it is the last.
             let mut records = [Record::BLANK; CLUSTER_SIZE];
@@ -31,14 +31,7 @@ fn wide(level: Level, projector: &Projector, middle: Vec3, is_surface: bool) -> 
                 samples: &mut samples,
                 run: &mut run,
             };
-            let range = VisibleRange {
-                cloud: 0,
-                splats: 0..count,
-                first_id: 0,
-                center: middle,
-                distances: [0.0, f32::INFINITY],
-                is_surface,
-            };
+            let range = VisibleRange::whole(0..count, middle, is_surface);
             wide.project(level, &range, &mut places);
             let is_new = run.len > std::mem::replace(&mut before, run.len);
             is_new.then(|| {
@@ -63,9 +56,9 @@ fn check(setup: &Setup, splats: &[Seen]) -> Result<(), TestCaseError> {
         closing: Closing::Centers,
         level: Level::Baseline,
     };
-    let projector = view.projector(0);
-    let cloud = projector.cloud;
-    let middle = (0..cloud.len()).map(|i| cloud.center(i)).sum::<Vec3>() / cloud.len() as f32;
+    let projector = view.projector(&VisibleRange::whole(0..0, Vec3::ZERO, false));
+    let cloud = projector.columns;
+    let middle = (0..cloud.len).map(|i| cloud.center(i)).sum::<Vec3>() / cloud.len as f32;
     let is_surface = setup.kind >= 2;
     let scale =
         projector.cloud_to_camera.matrix3.to_cols_array().iter().fold(0.0, |m: f64, x| m.max(x.abs()));
@@ -79,7 +72,7 @@ fn check(setup: &Setup, splats: &[Seen]) -> Result<(), TestCaseError> {
             let from_middle = f64::from((cloud.center(index) - middle).length()) * scale;
             let extent =
                 splat.center.length() + from_middle + f64::from(cloud.center(index).length()) * scale;
-            let expected = projector.project_splat(index, 0);
+            let expected = projector.project_splat(index, index as u32);
             compare(&(setup, &projector, splat, extent), index, found.as_ref(), expected.as_ref())
                 .map_err(|error| TestCaseError::fail(format!("{level:?}, splat {index}: {error}")))?;
         }
@@ -123,8 +116,8 @@ fn what_is_fainter_than_the_tolerance_is_not_drawn() {
         closing: Closing::Centers,
         level: Level::Baseline,
     };
-    let projector = view.projector(0);
-    let middle = projector.cloud.center(0);
+    let projector = view.projector(&VisibleRange::whole(0..0, Vec3::ZERO, false));
+    let middle = projector.columns.center(0);
     assert!(wide(Level::Baseline, &projector, middle, false)[0].is_none(), "the wide projection shows it");
     if let Some(shown) = projector.project_splat(0, 0) {
         panic!("the scalar projection shows it in {:?}", shown.rect);

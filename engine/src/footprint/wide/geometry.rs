@@ -83,7 +83,7 @@ impl WideProjector<'_> {
     /// The half-axes of a block in camera space.
     #[inline(always)]
     fn half_axes<S: Simd>(&self, simd: S, block: usize) -> [V3<S>; 3] {
-        match &self.scalar.cloud.columns().factors {
+        match &self.scalar.columns.factors {
             Factors::Shared(_) => self.shared_axes.each(
                 #[inline(always)]
                 |axis| lanes(simd, axis),
@@ -187,7 +187,7 @@ impl WideProjector<'_> {
             (along[0].mul_add(depth_slope[0], along[1] * depth_slope[1]) * per_z).max(splat(simd, 0.0));
         let lambda = sigma_z.mul_add(*sigma_z * per_z, kappa2);
         let mut error = kappa2.sqrt().mul_add(splat(simd, 1.74), lambda * 1.1);
-        if self.scalar.cloud.columns().kind == columns::Kind::Extinction {
+        if self.scalar.columns.kind == columns::Kind::Extinction {
             // |V| is small, so V can't be had from the root; its off-diagonal is −b/(a c²).
             let [a, b, c] = footprints.conic_root;
             let xy = -b / (a * c * c);

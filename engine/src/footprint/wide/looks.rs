@@ -29,7 +29,7 @@ impl WideProjector<'_> {
     /// The base colours in the space of blending, as they are seen from the eye.
     #[inline(always)]
     fn base_colors<S: Simd>(&self, simd: S, block: usize, towards: V3<S>) -> V3<S> {
-        let columns = self.scalar.cloud.columns();
+        let columns = self.scalar.columns;
         let linear = lanes(simd, *columns.colors.block(block));
         let blend = self.scalar.view.settings.blend;
         if columns.harmonics.is_none() && blend == Blend::Linear {
@@ -66,7 +66,7 @@ impl WideProjector<'_> {
         placed: &Placed<S>,
         towards: V3<S>,
     ) -> Colors<S> {
-        let columns = self.scalar.cloud.columns();
+        let columns = self.scalar.columns;
         let color = self.base_colors(simd, block, towards);
         let normal = match &columns.normals {
             None => splat3(simd, [0.0; 3]),
@@ -91,7 +91,7 @@ impl WideProjector<'_> {
         (placed, footprints): (&Placed<S>, &Footprints<S>),
         Colors { color, normal }: Colors<S>,
     ) -> Looks<S> {
-        let columns = self.scalar.cloud.columns();
+        let columns = self.scalar.columns;
         let zero = splat(simd, 0.0);
         let strength = V::simd_from(simd, columns.strengths.block(block)[0]) * self.strength_scale;
         let cutoff = splat(simd, self.cutoff);

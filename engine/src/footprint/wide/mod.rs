@@ -59,14 +59,14 @@ impl<'a> WideProjector<'a> {
         let settings = scalar.view.settings;
         let gain = cutoff_gain(settings.cutoff);
         let linear = scalar.cloud_to_camera.matrix3;
-        let strength_scale = match scalar.cloud.columns().kind {
+        let strength_scale = match scalar.columns.kind {
             columns::Kind::Extinction => scalar.determinant * gain,
             columns::Kind::Opacity(_) => 1.0,
             columns::Kind::Surface(surface) => {
                 scalar.determinant.cbrt().powi(2) * gain / f64::from(surface.coverage_floor)
             }
         };
-        let is_surface = matches!(scalar.cloud.columns().kind, columns::Kind::Surface(_));
+        let is_surface = matches!(scalar.columns.kind, columns::Kind::Surface(_));
         Self {
             scalar,
             perspective: lens.projection == Projection::Perspective,
@@ -74,7 +74,7 @@ impl<'a> WideProjector<'a> {
             principal: lens.principal.as_vec2().to_array(),
             to_camera: rows(linear),
             normal_to_camera: rows(scalar.normal_to_camera),
-            shared_axes: match scalar.cloud.columns().factors {
+            shared_axes: match scalar.columns.factors {
                 Factors::Shared(factor) => rows((linear * factor.as_dmat3()).transpose()),
                 Factors::Each(_) => Rows::default(),
             },
@@ -94,7 +94,12 @@ impl<'a> WideProjector<'a> {
         if self.is_even {
             dispatch!(level, simd => self.project_wide(simd, range, out));
         } else {
-            range.splats.clone().for_each(|splat| self.push_scalar(range, splat, out));
+            for first in range.splats.clone().step_by(LANES) {
+                let chosen = range.chosen(self.scalar.levels, first);
+                (0..LANES)
+                    .filter(|lane| chosen >> lane & 1 != 0)
+                    .for_each(|lane| self.push_scalar(range, first + lane, out));
+            }
         }
     }
 
@@ -107,9 +112,11 @@ impl<'a> WideProjector<'a> {
             |end| splat(simd, end),
         );
         for first in range.splats.clone().step_by(LANES) {
-            let count = (range.splats.end - first).min(LANES);
-            let valid = (1_u32 << count) - 1;
-            let center = self.scalar.cloud.columns().centers.block(first / LANES);
+            let chosen = range.chosen(self.scalar.levels, first);
+            if chosen == 0 {
+                continue;
+            }
+            let center = self.scalar.columns.centers.block(first / LANES);
             let from_middle = [0, 1, 2].each(
                 #[inline(always)]
                 |i| V::simd_from(simd, center[i]) - range.center.to_array()[i],
@@ -123,13 +130,13 @@ impl<'a> WideProjector<'a> {
             let colors = self.colors(simd, block, &placed, towards);
             let footprints = self.footprints(simd, block, &placed);
             let looks = self.looks(simd, block, (&placed, &footprints), colors);
-            self.push(simd, (range, first, valid), (&placed, &footprints, &looks), (out, &mut ends));
+            self.push(simd, (range, first, chosen), (&placed, &footprints, &looks), (out, &mut ends));
         }
         out.run.include([ends[0].reduce_min(), ends[1].reduce_max()]);
     }
 
     fn push_scalar(&self, range: &VisibleRange, index: usize, out: &mut Places) {
-        if let Some(splat) = self.scalar.project_splat(index, range.first_id) {
+        if let Some(splat) = self.scalar.project_splat(index, range.id(index)) {
             out.push(splat);
         }
     }

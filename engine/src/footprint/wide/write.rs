@@ -30,7 +30,7 @@ impl WideProjector<'_> {
     pub(super) fn push<S: Simd>(
         &self,
         simd: S,
-        (range, first, valid): (&VisibleRange, usize, u32),
+        (range, first, chosen): (&VisibleRange, usize, u32),
         (placed, footprints, looks): (&Placed<S>, &Footprints<S>, &Looks<S>),
         (out, ends): (&mut Places, &mut Ends<S>),
     ) {
@@ -48,8 +48,8 @@ impl WideProjector<'_> {
             & (z + reach).simd_gt(splat(simd, self.near));
         // Wholly behind the camera.
         let behind = if self.perspective { (z + reach).simd_le(zero) } else { M::splat(simd, false) };
-        let visible = seen.to_bitmask() as u32 & valid;
-        let hard = !(footprints.is_simple | behind).to_bitmask() as u32 & valid;
+        let visible = seen.to_bitmask() as u32 & chosen;
+        let hard = !(footprints.is_simple | behind).to_bitmask() as u32 & chosen;
         let start = out.run.len;
         if visible != 0 {
             let closing = self.scalar.view.closing;
@@ -132,7 +132,7 @@ impl WideProjector<'_> {
     ) {
         let Drawn { visible, exact, distance, slope: other, edges } = drawn;
         let mut amplitude = looks.amplitude;
-        let kind = match self.scalar.cloud.columns().kind {
+        let kind = match self.scalar.columns.kind {
             columns::Kind::Extinction => Kind::Extinction,
             columns::Kind::Opacity(_) => Kind::Opacity,
             columns::Kind::Surface(_) => Kind::Surface,
@@ -187,7 +187,7 @@ impl WideProjector<'_> {
         [x, y, z]: V3<S>,
         (start, samples): (usize, &mut [SurfaceSample]),
     ) {
-        let columns = self.scalar.cloud.columns();
+        let columns = self.scalar.columns;
         let normals = rows(simd, [x, y, z, splat(simd, 0.0)]);
         let mut next = start;
         for (lane, normal) in normals.iter().enumerate() {
@@ -195,7 +195,7 @@ impl WideProjector<'_> {
                 samples[next] = SurfaceSample {
                     normal: [normal[0], normal[1], normal[2]],
                     opacity: columns.opacity(first + lane),
-                    id: range.first_id + (first + lane) as u32,
+                    id: range.id(first + lane),
                 };
                 next += 1;
             }

@@ -1,0 +1,121 @@
+//! Levels of detail: splats that stand for four of the level below each, chosen where the picture can't tell.
+//!
+//! A splat of a level has the mass, the mean, the covariance and the colour of the four that it stands for, and knows from
+//! which pixel filter on it may do so (`needs`). Four consecutive splats have one parent, and four consecutive clusters one
+//! parent cluster: the tree is in the order, and a cut through it is a set of ranges. See `cull`.
+
+mod merge;
+
+use crate::columns::{CHILDREN, Column, Columns, Factors, LANES, Lanes};
+use crate::cull::CLUSTER_SIZE;
+use glam::{DMat3, Vec3};
+use merge::coarser;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// The splats of a cloud, or splats that stand for them.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Level {
+    pub(crate) columns: Columns,
+    pub(crate) clusters: Vec<Cluster>,
+    /// See [`Columns::median_sigma`].
+    pub(crate) median_sigma: Option<f32>,
+    /// The least standard deviation of the pixel's filter, at a splat and in cloud space, for which it may stand for its
+    /// children, at a tolerance of 1/255; at least that of each child. `None` of the cloud's own splats, which always may.
+    pub(crate) needs: Option<Column<1>>,
+}
+
+/// Consecutive splats of a level, and what lies below them.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Cluster {
+    pub(crate) splats: Range<usize>,
+    /// A sphere around the centres of all splats, and of those that they stand for, in cloud space.
+    pub(crate) center: Vec3,
+    pub(crate) radius: f32,
+    /// Of all these splats, at least.
+    pub(crate) largest_sigma: f32,
+    /// Least and greatest need of the splats, and of their parents. Nothing is above the last level.
+    pub(crate) needs: [f32; 2],
+    pub(crate) parents_need: [f32; 2],
+}
+
+impl Level {
+    /// The first level.
+    pub(crate) fn of_splats(columns: Columns) -> Self {
+        let clusters = clusters(&columns);
+        let median_sigma = columns.median_sigma();
+        Self { columns, clusters, median_sigma, needs: None }
+    }
+
+    /// Needs of the splats 8 · block up to 8 · block + 7.
+    #[inline(always)]
+    pub(crate) fn needs(&self, block: usize) -> Lanes {
+        self.needs.as_ref().map_or([0.0; LANES], |needs| needs.block(block)[0])
+    }
+
+    fn need(&self, index: usize) -> f32 {
+        self.needs.as_ref().map_or(0.0, |needs| needs.row(index)[0])
+    }
+}
+
+/// The factor by which filters count as larger at another tolerance than 1/255.
+pub(crate) fn allowance(tolerance: f64) -> f64 {
+    (tolerance * 255.0).sqrt()
+}
+
+/// Puts levels on a cloud's own splats, the last of which is a single cluster.
+pub(crate) fn with_coarser(mut levels: Vec<Level>) -> Vec<Level> {
+    while let Some(below) = levels.last().filter(|level| level.columns.len > CLUSTER_SIZE) {
+        let above = coarser(below);
+        let below = levels.len() - 1;
+        let (below, mut above) = (&mut levels[below], above);
+        for (number, cluster) in below.clusters.iter_mut().enumerate() {
+            let parents = cluster.splats.start / CHILDREN..cluster.splats.end.div_ceil(CHILDREN);
+            cluster.parents_need = range_of(parents.map(|parent| above.need(parent)));
+            let parent = &mut above.clusters[number / CHILDREN];
+            // The sphere around both.
+            let apart = parent.center.distance(cluster.center);
+            if apart + cluster.radius > parent.radius {
+                let radius = (0.5 * (parent.radius + cluster.radius + apart)).max(cluster.radius);
+                if apart > 0.0 {
+                    let along = ((radius - parent.radius) / apart).min(1.0);
+                    parent.center = parent.center.lerp(cluster.center, along);
+                }
+                // Rounding must not leave anything outside.
+                parent.radius = radius * (1.0 + 1e-5);
+            }
+            parent.largest_sigma = parent.largest_sigma.max(cluster.largest_sigma);
+        }
+        levels.push(above);
+    }
+    levels
+}
+
+fn range_of(values: impl Iterator<Item = f32>) -> [f32; 2] {
+    values.fold([f32::INFINITY, 0.0], |[least, most], value| [least.min(value), most.max(value)])
+}
+
+/// Cuts a level into clusters of consecutive splats.
+fn clusters(columns: &Columns) -> Vec<Cluster> {
+    let sigma = |index: usize| frobenius(columns.factor(index).as_dmat3()) as f32;
+    let cluster = |number: usize| {
+        let start = number * CLUSTER_SIZE;
+        let splats = start..columns.len.min(start + CLUSTER_SIZE);
+        let centers = || splats.clone().map(|i| columns.center(i));
+        let first = columns.center(start);
+        let (low, high) = centers().fold((first, first), |(low, high), p| (low.min(p), high.max(p)));
+        let center = low * 0.5 + high * 0.5;
+        let radius = centers().map(|p| p.distance_squared(center)).fold(0.0, f32::max).sqrt();
+        let largest_sigma = match &columns.factors {
+            Factors::Shared(_) => sigma(start),
+            Factors::Each(_) => splats.clone().map(sigma).fold(0.0, f32::max),
+        };
+        let parents_need = [f32::INFINITY; 2];
+        Cluster { splats, center, radius, largest_sigma, needs: [0.0; 2], parents_need }
+    };
+    (0..columns.len.div_ceil(CLUSTER_SIZE)).into_par_iter().map(cluster).collect()
+}
+
+pub(crate) fn frobenius(m: DMat3) -> f64 {
+    (m.x_axis.length_squared() + m.y_axis.length_squared() + m.z_axis.length_squared()).sqrt()
+}
