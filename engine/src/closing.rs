@@ -12,6 +12,7 @@
 use crate::camera::{Camera, Projection};
 use crate::cloud::Cloud;
 use crate::columns::{Factors, Kind};
+use crate::cull::VisibleRange;
 use crate::footprint::Lens;
 use crate::scene::{Baseline, Order, RenderSettings, Scene};
 use crate::simd::*;
@@ -116,7 +117,7 @@ const LARGEST_RATIO: f64 = 1024.0;
 const LAST_SLAB: u32 = (1 << 22) - 1;
 
 impl Closing {
-    /// What a frame's order asks for, of kernels that are as far as `farthest` away at most.
+    /// What a frame's order asks for, of the kernels in ranges.
     ///
     /// # Errors
     /// When sheets are asked for and the first cloud of kernels is no grid.
@@ -124,7 +125,7 @@ impl Closing {
         scene: &Scene,
         camera: &Camera,
         settings: &RenderSettings,
-        farthest: f32,
+        visible: &[VisibleRange],
     ) -> Result<Self, SceneError> {
         let volumes =
             || scene.clouds.iter().filter(|cloud| !matches!(cloud.columns().kind, Kind::Surface(_)));
@@ -140,10 +141,12 @@ impl Closing {
                 return Sheets::new(volumes().next(), camera, spacing).map(Self::Sheets);
             }
         };
-        let medians = || volumes().filter_map(Cloud::median_sigma);
-        let largest = medians().max_by(f64::total_cmp).unwrap_or(1.0);
-        let least = medians().min_by(f64::total_cmp).unwrap_or(1.0);
-        let sigma = least.max(largest / LARGEST_RATIO);
+        let (least, largest) = drawn_sigmas(scene, visible)
+            .fold((f64::INFINITY, 0.0), |(least, largest): (f64, f64), sigma| {
+                (least.min(sigma), largest.max(sigma))
+            });
+        let sigma = if largest > 0.0 { least.max(largest / LARGEST_RATIO) } else { 1.0 };
+        let farthest = visible.iter().map(|range| range.distances[1]).fold(0.0, f32::max);
         let depth = (f64::from(farthest) - camera.near()).max(0.0);
         let is_corrected = settings.baseline != Some(Baseline::UncorrectedShares);
         Ok(Self::Slabs(Slabs {
@@ -201,6 +204,26 @@ impl Closing {
             self.numbers(simd, center, (distance, sigma, reach)).map(|number| number.reduce_max())
         })
     }
+}
+
+/// The size of the kernels of each cloud, as it is drawn: of several levels of detail the geometric mean over the splats of
+/// their medians. Clouds that have levels count where they are seen, others always.
+fn drawn_sigmas(scene: &Scene, visible: &[VisibleRange]) -> impl Iterator<Item = f64> {
+    let mut sums = vec![[0.0, 0.0]; scene.clouds.len()];
+    for range in visible {
+        let cloud = &scene.clouds[range.cloud];
+        if let Some(sigma) = cloud.median_sigma(range.level)
+            && cloud.levels().len() > 1
+        {
+            let count = range.count(cloud.levels()) as f64;
+            sums[range.cloud][0] += count;
+            sums[range.cloud][1] += count * sigma.ln();
+        }
+    }
+    scene.clouds.iter().zip(sums).filter_map(|(cloud, [count, sum])| match cloud.levels().len() {
+        1 => cloud.median_sigma(0),
+        _ => (count > 0.0).then(|| (sum / count).exp()),
+    })
 }
 
 impl Slabs {

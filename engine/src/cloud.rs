@@ -262,11 +262,11 @@ impl Cloud {
         &self.levels
     }
 
-    /// The median over the kernels of √(3/tr Σ⁻¹) in the world, exact where the transform keeps proportions: 1/σ² along a ray
-    /// in the mean over all directions. So it doesn't depend on the view. `None` of surfaces, and without any.
-    pub(crate) fn median_sigma(&self) -> Option<f64> {
+    /// The median over the kernels of a level of √(3/tr Σ⁻¹) in the world, exact where the transform keeps proportions: 1/σ²
+    /// along a ray in the mean over all directions. So it doesn't depend on the view. `None` of surfaces, and without any.
+    pub(crate) fn median_sigma(&self, level: usize) -> Option<f64> {
         let scale = self.cloud_to_world.matrix3.determinant().abs().cbrt();
-        Some(f64::from(self.levels[0].median_sigma?) * scale).filter(|sigma| *sigma > 0.0)
+        Some(f64::from(self.levels[level].median_sigma?) * scale).filter(|sigma| *sigma > 0.0)
     }
 
     /// The transform from cloud space to the world.

@@ -153,18 +153,18 @@ impl Frustum {
 }
 
 /// Finds the clusters whose bounding sphere, grown by the reach of its kernels, touches the frustum, on the levels of detail
-/// that the pixels' filter allows; `widening` lets them take it for wider than it is.
-pub(crate) fn find_visible(
+/// that the pixels' filter allows; `widening` lets them take it for wider than it is. Gives how many splats are outside.
+fn find_visible(
     scene: &Scene,
     camera: &Camera,
     (settings, widening): (&RenderSettings, f64),
     visible: &mut Vec<VisibleRange>,
-) {
+) -> u64 {
     visible.clear();
     let frustum = Frustum::new(camera);
     let perspective = camera.projection() == Projection::Perspective;
     let pixel_filter = settings.low_pass.sqrt() / camera.intrinsics().focal.min_element();
-    let mut first_id = 0;
+    let (mut first_id, mut culled) = (0, 0);
     for (index, cloud) in scene.clouds.iter().enumerate() {
         let cloud_to_camera = camera.pose().world_to_camera * cloud.cloud_to_world();
         let search = Search {
@@ -183,21 +183,23 @@ pub(crate) fn find_visible(
         };
         let top = if settings.level_of_detail { cloud.levels().len() - 1 } else { 0 };
         for cluster in 0..cloud.levels()[top].clusters.len() {
-            search.visit((top, top), cluster, 0.0, visible);
+            culled += search.visit((top, top), cluster, 0.0, visible);
         }
         first_id += cloud.len() as u32;
     }
+    culled
 }
 
-/// Widens the filter until no more splats are drawn than the budget allows, where there is one.
+/// Finds the clusters that may be visible; where there is a budget, with a filter so wide that no more splats are drawn than it
+/// allows. Gives how many splats lie outside the picture.
 pub(crate) fn find_affordable(
     scene: &Scene,
     camera: &Camera,
     settings: &RenderSettings,
     visible: &mut Vec<VisibleRange>,
-) {
-    find_visible(scene, camera, (settings, 1.0), visible);
-    let Some(budget) = settings.budget else { return };
+) -> u64 {
+    let culled = find_visible(scene, camera, (settings, 1.0), visible);
+    let Some(budget) = settings.budget else { return culled };
     let count = |visible: &[VisibleRange]| -> usize {
         visible.iter().map(|range| range.count(scene.clouds[range.cloud].levels())).sum()
     };
@@ -209,14 +211,14 @@ pub(crate) fn find_affordable(
         find_visible(scene, camera, (settings, f64::exp2(wide_enough)), visible);
     }
     if wide_enough == 0.0 {
-        return;
+        return culled;
     }
     for _ in 0..BISECTIONS {
         let middle = 0.5 * (too_narrow + wide_enough);
         find_visible(scene, camera, (settings, f64::exp2(middle)), visible);
         if count(visible) > budget { too_narrow = middle } else { wide_enough = middle }
     }
-    find_visible(scene, camera, (settings, f64::exp2(wide_enough)), visible);
+    find_visible(scene, camera, (settings, f64::exp2(wide_enough)), visible)
 }
 
 /// The widest filter that a budget may ask for, as a power of two, and how often it is halved to fit.
@@ -248,18 +250,19 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
+    /// Finds what is drawn of a cluster and of what lies below it; gives how many splats lie outside the picture.
     fn visit(
         &self,
         (level, top): (usize, usize),
         number: usize,
         filter_above: f32,
         visible: &mut Vec<VisibleRange>,
-    ) {
+    ) -> u64 {
         let levels = self.cloud.levels();
         let cluster = &levels[level].clusters[number];
         let has_parents = level < top;
         if has_parents && cluster.parents_need[1] <= filter_above {
-            return;
+            return 0;
         }
         let center = self.cloud_to_camera.transform_point3(cluster.center.as_dvec3());
         let radius = self.stretch * f64::from(cluster.radius);
@@ -267,17 +270,18 @@ impl Search<'_> {
         let sigma = (self.stretch * f64::from(cluster.largest_sigma)).hypot(self.pixel_filter * farthest);
         let reach = radius + self.cutoff.sqrt() * sigma;
         if !self.frustum.touches_sphere(center, reach) {
-            return;
+            return cluster.splats.len() as u64;
         }
         let nearest = if self.perspective { (center.z - radius).max(self.near) } else { 1.0 };
         let filter = ((self.pixel_filter * nearest * self.allowance) as f32).max(filter_above);
         let [least, most] = cluster.needs;
+        let mut culled = 0;
         if level > 0 && most > filter {
             let children = number * CHILDREN..levels[level - 1].clusters.len().min((number + 1) * CHILDREN);
-            children.for_each(|child| self.visit((level - 1, top), child, filter, visible));
+            culled = children.map(|child| self.visit((level - 1, top), child, filter, visible)).sum();
         }
         if least > filter {
-            return;
+            return culled;
         }
         let is_whole = most <= filter && (!has_parents || cluster.parents_need[0] > filter_above);
         let choice = Choice { filter, filter_above: has_parents.then_some(filter_above) };
@@ -295,5 +299,6 @@ impl Search<'_> {
             distances: [least as f32, (distance + radius) as f32],
             is_surface: matches!(self.cloud.columns().kind, Kind::Surface(_)),
         });
+        culled
     }
 }

@@ -116,9 +116,8 @@ impl Renderer {
     ) -> Result<&Frame, SceneError> {
         settings.validate()?;
         let splats = scene.validate()?;
-        watched(observer, Stage::Cull, || self.cull(scene, camera, settings));
-        let farthest = self.visible[1].iter().map(|range| range.distances[1]).fold(0.0, f32::max);
-        let closing = Closing::new(scene, camera, settings, farthest)?;
+        let culled = watched(observer, Stage::Cull, || self.cull(scene, camera, settings));
+        let closing = Closing::new(scene, camera, settings, &self.visible[1])?;
         watched(observer, Stage::Footprint, || self.project(scene, camera, (settings, closing)));
         self.surfaces.list_by_cluster(observer, (camera.size(), self.tile_side), &mut self.scratch);
         self.volumes.list_by_distance(
@@ -127,8 +126,15 @@ impl Renderer {
             (&mut self.sorter, &mut self.scratch),
         );
         let [fragments, late] = self.draw(camera, (settings, closing), observer);
-        let visible = (self.surfaces.records.len() + self.volumes.records.len()) as u64;
-        observer.counts(Counts { splats: splats as u64, visible, fragments, late, ..Counts::default() });
+        let [mut visible, mut merged] = [0; 2];
+        for (drawn, ranges) in [&self.surfaces, &self.volumes].into_iter().zip(&self.visible) {
+            for (run, range) in drawn.records.runs.iter().zip(ranges) {
+                visible += run.len as u64;
+                merged += if range.level > 0 { run.len as u64 } else { 0 };
+            }
+        }
+        let splats = splats as u64;
+        observer.counts(Counts { splats, culled, visible, merged, fragments, late, ..Counts::default() });
         Ok(&self.frame)
     }
 
@@ -137,13 +143,15 @@ impl Renderer {
         self.frame
     }
 
-    fn cull(&mut self, scene: &Scene, camera: &Camera, settings: &RenderSettings) {
+    /// Finds what may be visible; gives how many splats lie outside the picture.
+    fn cull(&mut self, scene: &Scene, camera: &Camera, settings: &RenderSettings) -> u64 {
         let [surfaces, volumes] = &mut self.visible;
-        find_affordable(scene, camera, settings, volumes);
+        let culled = find_affordable(scene, camera, settings, volumes);
         surfaces.clear();
         surfaces.extend(volumes.extract_if(.., |range| range.is_surface));
         // Near surfaces hide far ones: what comes first is drawn first.
         surfaces.sort_by(|a, b| a.distances[0].total_cmp(&b.distances[0]));
+        culled
     }
 
     fn project(&mut self, scene: &Scene, camera: &Camera, (settings, closing): (&RenderSettings, Closing)) {
