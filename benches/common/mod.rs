@@ -2,7 +2,7 @@
 
 mod gaussians;
 mod random;
-mod surfels;
+pub(crate) mod surfels;
 pub(crate) mod volumes;
 
 use glam::DVec3;

@@ -1,0 +1,157 @@
+//! Levels of detail: what building them takes, and that what a frame takes goes with its pixels and not with the splats behind
+//! them.
+//!
+//! `cargo bench --bench levels`, or `cargo bench --bench levels -- crowd` for a part of it.
+
+#[expect(dead_code, reason = "the works of the other benchmarks are not drawn here")]
+mod common;
+
+use common::surfels::torus_and_sphere;
+use common::volumes::{ENGINE, GLASS, data, kernels, volume};
+use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
+use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
+use oblate::engine::{
+    Camera, Channels, Cloud, Counts, Material, Observer, Pose, RenderSettings, Renderer, Scene, Shapes,
+    Splats, Strength,
+};
+use std::cell::LazyCell;
+use std::sync::Mutex;
+
+/// What the last frame drew.
+#[derive(Default)]
+struct Told(Mutex<Counts>);
+
+impl Observer for Told {
+    fn counts(&self, counts: Counts) {
+        *self.0.lock().expect("nobody panics") = counts;
+    }
+}
+
+fn settings(tolerance: f64, level_of_detail: bool) -> RenderSettings {
+    RenderSettings { tolerance, level_of_detail, channels: Channels::Color, ..RenderSettings::default() }
+}
+
+fn camera(eye: DVec3, target: DVec3) -> Camera {
+    let pose = Pose::look_at(eye, target, DVec3::Z).expect("eye and target differ");
+    Camera::perspective(pose, 30f64.to_radians(), [1024; 2]).expect("the size is in range")
+}
+
+fn morton(cloud: &Cloud) -> Cloud {
+    Cloud::new(cloud.splats().in_morton_order()).expect("they made a cloud before")
+}
+
+fn draw(criterion: &mut Criterion, [group, name]: [&str; 2], scene: &Scene, view: (&Camera, RenderSettings)) {
+    let (camera, settings) = view;
+    let mut renderer = Renderer::new();
+    let told = Told::default();
+    let mut group = criterion.benchmark_group(group);
+    group.sample_size(10).bench_function(name, |bencher| {
+        bencher.iter(|| {
+            renderer.render(scene, camera, &settings, &told).expect("it can be drawn");
+        });
+    });
+    let Counts { splats, culled, occluded, visible, merged, .. } = *told.0.lock().expect("nobody panics");
+    if visible > 0 {
+        println!(
+            "    {splats} splats: {culled} culled, {occluded} occluded, {visible} drawn, {merged} of them merged"
+        );
+    }
+}
+
+/// A million splats, and as many in one place as a scan may have.
+fn building(criterion: &mut Criterion) {
+    let coincident = || {
+        let count = 100_000;
+        Cloud::new(Splats {
+            centers: vec![Vec3::ONE; count],
+            shapes: Shapes::Shared(Mat3::IDENTITY),
+            strength: Strength::Extinction { masses: vec![1.0; count] },
+            colors: vec![[0.5; 3]; count],
+            harmonics: None,
+            normals: None,
+            material: Material::default(),
+        })
+        .expect("the numbers are finite")
+    };
+    let mut group = criterion.benchmark_group("building");
+    group.sample_size(10);
+    let cloud = LazyCell::new(|| morton(&torus_and_sphere(1_000_000)));
+    group.bench_function("1 M surfels", |bencher| {
+        bencher.iter_batched(|| cloud.clone(), Cloud::with_levels, BatchSize::PerIteration);
+    });
+    let cloud = LazyCell::new(coincident);
+    group.bench_function("100 k in one place", |bencher| {
+        bencher.iter_batched(|| cloud.clone(), Cloud::with_levels, BatchSize::PerIteration);
+    });
+    group.finish();
+}
+
+/// One cloud in side³ places, which together fill what it fills alone.
+fn crowd(cloud: &Cloud, side: u32) -> Scene {
+    let bounds = cloud.bounds().expect("it has splats");
+    let (middle, size) = ((bounds[0] + bounds[1]) / 2.0, bounds[1] - bounds[0]);
+    let scale = DMat3::from_diagonal(DVec3::splat(1.0 / f64::from(side)));
+    let place = |i: u32| {
+        let cell = DVec3::new(f64::from(i % side), f64::from(i / side % side), f64::from(i / side / side));
+        let corner = (cell + 0.5 - 0.5 * f64::from(side)) * size / f64::from(side);
+        DAffine3::from_mat3_translation(scale, middle + corner - scale * middle)
+    };
+    let clouds = (0..side.pow(3)).map(|i| cloud.clone().transformed(place(i))).collect();
+    Scene { clouds, lights: Vec::new() }
+}
+
+/// 1, 8 and 64 million splats in one view, at twice the usual tolerance.
+fn growth(criterion: &mut Criterion) {
+    type Make = fn() -> Cloud;
+    let surfels: Make = || morton(&torus_and_sphere(1_000_000)).with_levels();
+    let volume: Make = || kernels(&volume(ENGINE), GLASS).with_levels();
+    for (group, make, is_there) in
+        [("crowd of surfels", surfels, true), ("crowd of volumes", volume, data(ENGINE).is_file())]
+    {
+        if !is_there {
+            continue;
+        }
+        let cloud = LazyCell::new(make);
+        for side in [1, 2, 4] {
+            let scene = LazyCell::new(|| crowd(&cloud, side));
+            let name = format!("{}", side.pow(3));
+            let bounds = LazyCell::new(|| {
+                scene
+                    .clouds
+                    .iter()
+                    .filter_map(Cloud::bounds)
+                    .reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
+                    .expect("it has splats")
+            });
+            let camera = LazyCell::new(|| {
+                let (middle, size) = ((bounds[0] + bounds[1]) / 2.0, (bounds[1] - bounds[0]).length());
+                camera(middle + DVec3::new(1.2, -1.5, 1.05).normalize() * size * 1.9, middle)
+            });
+            draw(criterion, [group, &name], &scene, (&camera, settings(2.0 / 255.0, true)));
+        }
+    }
+}
+
+/// The engine from ever farther away.
+fn minified(criterion: &mut Criterion) {
+    if !data(ENGINE).is_file() {
+        return;
+    }
+    let middle = DVec3::new(127.5, 127.5, 63.5);
+    let cloud = LazyCell::new(|| kernels(&volume(ENGINE), GLASS).with_levels());
+    for zoom in [1.0, 2.0, 4.0, 8.0, 16.0] {
+        let scene = LazyCell::new(|| Scene { clouds: vec![cloud.clone()], lights: Vec::new() });
+        let camera = camera(middle + DVec3::new(330.0, -412.5, 288.75) * zoom, middle);
+        for (name, levels) in [("all splats", false), ("levels", true)] {
+            draw(
+                criterion,
+                [&format!("engine at 1/{zoom}"), name],
+                &scene,
+                (&camera, settings(1.0 / 255.0, levels)),
+            );
+        }
+    }
+}
+
+criterion_group!(benches, building, growth, minified);
+criterion_main!(benches);
