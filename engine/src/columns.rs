@@ -31,6 +31,22 @@ impl<const N: usize> Column<N> {
         Self(values.par_chunks(LANES).with_min_len(BLOCKS_A_TASK).map(block).collect())
     }
 
+    /// Puts the splats of each run of `run`, a multiple of [`LANES`], in another order: splat i of a run becomes what its splat
+    /// `order[i]` was.
+    fn reorder(&mut self, order: &[u32], run: usize) {
+        self.0.par_chunks_mut(run / LANES).zip(order.par_chunks(run)).for_each(|(blocks, order)| {
+            let before = blocks.to_vec();
+            for (places, order) in blocks.iter_mut().zip(order.chunks(LANES)) {
+                for lane in 0..LANES {
+                    let from = order[lane.min(order.len() - 1)] as usize;
+                    for (place, before) in places.iter_mut().zip(&before[from / LANES]) {
+                        place[lane] = before[from % LANES];
+                    }
+                }
+            }
+        });
+    }
+
     /// The numbers of splats 8 · block up to 8 · block + 7.
     #[inline(always)]
     pub(crate) fn block(&self, block: usize) -> &[Lanes; N] {
@@ -115,6 +131,20 @@ impl Columns {
             normals: splats.normals.map(|normals| Column::new(normals, Vec3::to_array)),
             material: splats.material,
         }
+    }
+
+    /// Puts the splats of each run of `run`, a multiple of [`LANES`], in another order: splat i of a run becomes what its splat
+    /// `order[i]` was. Takes no more memory than a run does for each thread.
+    pub(crate) fn reorder(&mut self, order: &[u32], run: usize) {
+        self.centers.reorder(order, run);
+        if let Factors::Each(factors) = &mut self.factors {
+            factors.reorder(order, run);
+        }
+        self.strengths.reorder(order, run);
+        self.opacities.iter_mut().for_each(|opacities| opacities.reorder(order, run));
+        self.colors.reorder(order, run);
+        self.harmonics.iter_mut().for_each(|harmonics| harmonics.reorder(order, run));
+        self.normals.iter_mut().for_each(|normals| normals.reorder(order, run));
     }
 
     /// The median over kernels of √(3/tr Σ⁻¹); of flat ones of √(tr Σ/3). `None` of surfaces, and without any.
@@ -202,7 +232,7 @@ impl Columns {
 /// evaluating costs.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct PackedHarmonics {
-    degree: u8,
+    pub(crate) degree: u8,
     pub(crate) unit: f32,
     /// Pairs of coefficients of one channel, the first of a pair in the low half; of each block red's pairs
     /// come first, then green's, then blue's.
@@ -237,6 +267,26 @@ impl PackedHarmonics {
         let coefficients = coefficients.par_chunks(LANES * per_splat);
         packed.pairs.par_chunks_mut(pairs_per_block).zip(coefficients).for_each(pack);
         packed
+    }
+
+    /// As [`Columns::reorder`].
+    fn reorder(&mut self, order: &[u32], run: usize) {
+        let count = self.pairs_per_block();
+        self.pairs.par_chunks_mut(run / LANES * count).zip(order.par_chunks(run)).for_each(
+            |(pairs, order)| {
+                let before = pairs.to_vec();
+                for (block, order) in pairs.chunks_mut(count).zip(order.chunks(LANES)) {
+                    for (lane, from) in order.iter().enumerate() {
+                        let from = *from as usize;
+                        let before = &before[from / LANES * count..];
+                        block
+                            .iter_mut()
+                            .zip(before)
+                            .for_each(|(pair, before)| pair[lane] = before[from % LANES]);
+                    }
+                }
+            },
+        );
     }
 
     pub(crate) fn pairs_per_channel(&self) -> usize {

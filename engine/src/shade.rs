@@ -24,6 +24,13 @@ pub(crate) struct Shader {
     parallel_rays: bool,
 }
 
+/// A highlight: its coefficient and exponent, and what makes the normal's length 1.
+struct Highlight<F> {
+    specular: F,
+    exponent: F,
+    per_length: F,
+}
+
 impl Shader {
     pub(crate) fn new(scene: &Scene, camera: &Camera, material: Material) -> Self {
         let world_to_camera = camera.pose().world_to_camera;
@@ -51,7 +58,8 @@ impl Shader {
         Self { material, everywhere, sources, parallel_rays }
     }
 
-    /// As [`Self::shade`], for a point that has no sides: the normal is turned to the viewer.
+    /// As [`Self::shade`], for a point that has no sides: the normal is turned to the viewer. The mean of several normals, shorter
+    /// than 1, returns less light, in a wider highlight.
     pub(crate) fn shade_two_sided(&self, base: [f32; 3], normal: Vec3, position: Vec3) -> [f32; 3] {
         let faces_away = normal.dot(self.to_eye(position)) < 0.0;
         self.shade(base, if faces_away { -normal } else { normal }, position)
@@ -61,14 +69,15 @@ impl Shader {
         if self.parallel_rays { -Vec3::Z } else { (-position).normalize_or_zero() }
     }
 
-    /// The colour sent to the camera by a point with a base colour and a unit normal on the side that is
+    /// The colour sent to the camera by a point with a base colour and a normal, of length 1 or less, on the side that is
     /// seen. A point without a normal (zero), deep inside a uniform region, returns ambient light alone.
-    pub(crate) fn shade(&self, base: [f32; 3], normal: Vec3, position: Vec3) -> [f32; 3] {
-        let Material { diffuse, specular, exponent, .. } = self.material;
+    fn shade(&self, base: [f32; 3], normal: Vec3, position: Vec3) -> [f32; 3] {
+        let diffuse = self.material.diffuse;
+        let Highlight { specular, exponent, per_length } = self.highlight_of_mean(normal.length());
         let base = Vec3::from(base);
         let to_eye = self.to_eye(position);
         let mut light = self.everywhere;
-        let mut highlight = Vec3::ZERO;
+        let mut mirrored = Vec3::ZERO;
         for source in &self.sources {
             let (towards, color) = match *source {
                 Source::Towards(direction, color) => (direction, color),
@@ -78,19 +87,59 @@ impl Shader {
             if cosine > 0.0 {
                 light += color * (diffuse * cosine);
                 let half = (towards + to_eye).normalize_or_zero();
-                highlight += color * (specular * normal.dot(half).max(0.0).powf(exponent));
+                let cosine = (per_length * normal.dot(half)).max(0.0);
+                mirrored += color * (specular * cosine.powf(exponent));
             }
         }
-        (base * light + highlight).to_array()
+        (base * light + mirrored).to_array()
     }
 
-    /// As [`Self::shade_two_sided`], for eight points.
+    /// The highlight where the mean of unit normals is this long: as wide as it and the normals are.
+    ///
+    /// Toksvig, *Mipmapping Normal Maps*, 2005.
+    fn highlight_of_mean(&self, length: f32) -> Highlight<f32> {
+        let Material { specular, exponent, .. } = self.material;
+        let length = length.min(1.0);
+        if length == 0.0 {
+            return Highlight { specular, exponent, per_length: 0.0 };
+        }
+        let wider = exponent * length / (length + exponent * (1.0 - length));
+        Highlight {
+            specular: specular * (1.0 + wider) / (1.0 + exponent),
+            exponent: wider,
+            per_length: 1.0 / length,
+        }
+    }
+
+    /// The highlight of unit normals.
+    #[inline(always)]
+    fn highlight<S: Simd, F: Floats<S>>(&self, simd: S) -> Highlight<F> {
+        let Material { specular, exponent, .. } = self.material;
+        let [specular, exponent, per_length] = splat3(simd, [specular, exponent, 1.0]);
+        Highlight { specular, exponent, per_length }
+    }
+
+    /// As [`Self::highlight_of_mean`], for eight normals.
+    #[inline(always)]
+    fn highlight_wide<S: Simd>(&self, simd: S, normal: V3<S>) -> Highlight<V<S>> {
+        let Material { specular, exponent, .. } = self.material;
+        let one = splat(simd, 1.0);
+        let length = dot(normal, normal).max(splat(simd, 1e-30)).sqrt().min(one);
+        let wider = length * exponent / (one - length).mul_add(splat(simd, exponent), length);
+        Highlight {
+            specular: (wider + 1.0) * (specular / (1.0 + exponent)),
+            exponent: wider,
+            per_length: one / length,
+        }
+    }
+
+    /// As [`Self::shade_two_sided`], for eight points; `are_means` says whether normals may be shorter than 1.
     #[inline(always)]
     pub(crate) fn shade_wide_two_sided<S: Simd>(
         &self,
         simd: S,
         base: V3<S>,
-        normal: V3<S>,
+        (normal, are_means): (V3<S>, bool),
         position: V3<S>,
     ) -> V3<S> {
         if !self.is_lit() {
@@ -101,15 +150,12 @@ impl Shader {
         }
         let cosine = dot(normal, self.to_eye_wide(simd, position));
         let turned = cosine.simd_lt(splat(simd, 0.0));
-        self.shade_wide(
-            simd,
-            base,
-            normal.each(
-                #[inline(always)]
-                |n| turned.select(-n, n),
-            ),
-            position,
-        )
+        let highlight = if are_means { self.highlight_wide(simd, normal) } else { self.highlight(simd) };
+        let normal = normal.each(
+            #[inline(always)]
+            |n| turned.select(-n, n),
+        );
+        self.shade_with(simd, base, (normal, highlight), position)
     }
 
     /// Whether lights that come from somewhere matter.
@@ -133,7 +179,7 @@ impl Shader {
         }
     }
 
-    /// As [`Self::shade`], for many points.
+    /// As [`Self::shade`], for many points and unit normals.
     #[inline(always)]
     pub(crate) fn shade_wide<S: Simd, F: Floats<S>>(
         &self,
@@ -142,7 +188,18 @@ impl Shader {
         normal: [F; 3],
         position: [F; 3],
     ) -> [F; 3] {
-        let Material { diffuse, specular, exponent, .. } = self.material;
+        self.shade_with(simd, base, (normal, self.highlight(simd)), position)
+    }
+
+    #[inline(always)]
+    fn shade_with<S: Simd, F: Floats<S>>(
+        &self,
+        simd: S,
+        base: [F; 3],
+        (normal, own): ([F; 3], Highlight<F>),
+        position: [F; 3],
+    ) -> [F; 3] {
+        let diffuse = self.material.diffuse;
         let mut light = splat3(simd, self.everywhere.to_array());
         let mut highlight = splat3(simd, [0.0; 3]);
         if self.is_lit() {
@@ -168,8 +225,13 @@ impl Shader {
                         |i| towards[i] + to_eye[i],
                     ),
                 );
-                let mirrored = pow(simd, dot(normal, half).max(zero), exponent);
-                let mirrored = cosine.simd_gt(zero).select(mirrored * specular, zero);
+                let mirrored = (dot(normal, half) * own.per_length).max(zero);
+                let mirrored = if self.material.exponent == 0.0 {
+                    F::simd_from(simd, 1.0)
+                } else {
+                    pow_positive(simd, mirrored, own.exponent)
+                };
+                let mirrored = cosine.simd_gt(zero).select(mirrored * own.specular, zero);
                 for (channel, color) in color.to_array().into_iter().enumerate() {
                     light[channel] = cosine.mul_add(F::simd_from(simd, color * diffuse), light[channel]);
                     highlight[channel] = mirrored.mul_add(F::simd_from(simd, color), highlight[channel]);
@@ -211,13 +273,18 @@ mod tests {
                 });
                 let positions: [Vec3; 8] =
                     std::array::from_fn(|i| Vec3::new(i as f32 - 4.0, 0.5 * i as f32, 6.0));
+                let means = std::array::from_fn(|i| normals[i] * (1.0 - 0.13 * i as f32));
+                let cases = [(normals, false), (normals, true), (means, true)];
                 let base = [0.3, 0.6, 0.9];
                 let lanes = |v: [Vec3; 8]| [0, 1, 2].map(|axis| v.map(|v| v[axis]));
-                for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
+                let levels = || Level::ALL.into_iter().filter(|level| level.is_available());
+                for (level, (normals, are_means)) in
+                    levels().flat_map(|level| cases.map(|case| (level, case)))
+                {
                     let found: [[f32; 8]; 3] = dispatch!(level, simd => {
                         let read = |v: [Vec3; 8]| lanes(v).map(|lanes| V::simd_from(simd, lanes));
                         let base = splat3(simd, base);
-                        shader.shade_wide_two_sided(simd, base, read(normals), read(positions)).map(|v| v.into())
+                        shader.shade_wide_two_sided(simd, base, (read(normals), are_means), read(positions)).map(|v| v.into())
                     });
                     for lane in 0..8 {
                         let expected = shader.shade_two_sided(base, normals[lane], positions[lane]);

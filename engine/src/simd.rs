@@ -248,10 +248,13 @@ pub(crate) fn log2<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
 /// x^e for x ≥ 0 and a finite e ≥ 0, within (4 + 4 e (1 + |log x|)) 1e-7 of itself; 0 for x < 1e-37 unless e is 0.
 #[inline(always)]
 pub(crate) fn pow<S: Simd, F: Floats<S>>(simd: S, x: F, e: f32) -> F {
+    if e == 0.0 { F::simd_from(simd, 1.0) } else { pow_positive(simd, x, F::simd_from(simd, e)) }
+}
+
+/// As [`pow`], for exponents above 0.
+#[inline(always)]
+pub(crate) fn pow_positive<S: Simd, F: Floats<S>>(simd: S, x: F, e: F) -> F {
     let constant = |x: f32| F::simd_from(simd, x);
-    if e == 0.0 {
-        return constant(1.0);
-    }
     let t = log2(simd, x.max(constant(1e-37))) * e;
     let inside = t.simd_gt(constant(-126.0)) & x.simd_ge(constant(1e-37));
     inside.select(exp2_within(simd, t.max(constant(-126.0)).min(constant(127.0))), constant(0.0))

@@ -44,6 +44,8 @@ pub(super) struct Projector<'a> {
     pub(super) camera_to_cloud: DAffine3,
     pub(super) normal_to_camera: DMat3,
     pub(super) determinant: f64,
+    /// Whether splats stand for others, and their normals are means, shorter than 1.
+    pub(super) has_means: bool,
 }
 
 impl<'a> Projector<'a> {
@@ -74,6 +76,7 @@ impl<'a> Projector<'a> {
             camera_to_cloud: cloud_to_camera.inverse(),
             normal_to_camera,
             determinant,
+            has_means: level > 0,
         }
     }
 
@@ -135,8 +138,10 @@ impl<'a> Projector<'a> {
         let form = if exact { Form::Exact } else { Form::Affine };
         let mut record = Record::geometry(&footprint, form);
         record.tag.cloud = self.cloud_index;
-        let normal = splats.normal(index);
-        let normal = (self.normal_to_camera * normal.as_dvec3()).normalize_or_zero();
+        let normal = splats.normal(index).as_dvec3();
+        // How much shorter than 1 a mean is says how much normals differ.
+        let length = if self.has_means { normal.length().min(1.0) } else { 1.0 };
+        let normal = (self.normal_to_camera * normal).normalize_or_zero() * length;
         let color = self.color(index);
         let shaded = |normal: DVec3| {
             if settings.shade {

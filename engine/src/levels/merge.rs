@@ -1,38 +1,175 @@
-//! Four splats to one that stands for them.
+//! Four splats to one that stands for them: their mass, mean and covariance; of surfaces their vector area.
 
+use super::family::{Family, Member, mean_shadow, outer};
+use super::need::Terms;
 use super::{Level, clusters, range_of};
-use crate::cloud::{Shapes, Strength};
-use crate::columns::{CHILDREN, Column, Columns};
+use crate::cloud::{Harmonics, Shapes, Splats, Strength, Surface};
+use crate::color::{linear_to_srgb, srgb_to_linear};
+use crate::columns::{CHILDREN, Column, Columns, Kind, SurfaceKind};
+use glam::{DMat3, DVec3, Mat3, Vec3};
+use rayon::prelude::*;
+
+/// A splat that stands for a family.
+struct Merged {
+    center: Vec3,
+    factor: Mat3,
+    strength: f32,
+    opacity: f32,
+    color: [f32; 3],
+    normal: Vec3,
+    need: f32,
+}
 
 /// The next coarser level: each splat stands for four consecutive ones of the level below, the last for those that are left.
 pub(super) fn coarser(below: &Level) -> Level {
-    // TODO(levels): moments instead of the first child.
-    let splats = below.columns.splats();
-    let pick = |i: usize| i * CHILDREN;
-    let count = below.columns.len.div_ceil(CHILDREN);
-    let each = |values: &Vec<f32>| (0..count).map(|i| values[pick(i)]).collect::<Vec<f32>>();
-    let columns = Columns::new(crate::cloud::Splats {
-        centers: (0..count).map(|i| splats.centers[pick(i)]).collect(),
-        shapes: Shapes::Each((0..count).map(|i| splats.shapes.factor(pick(i))).collect()),
-        strength: match &splats.strength {
-            Strength::Extinction { masses } => Strength::Extinction { masses: each(masses) },
-            Strength::Opacity { peaks, filter } => Strength::Opacity { peaks: each(peaks), filter: *filter },
-            Strength::Surface(surface) => Strength::Surface(crate::cloud::Surface {
-                areas: each(&surface.areas),
-                opacities: surface.opacities.as_ref().map(each),
-                ..*surface
-            }),
+    let columns = &below.columns;
+    let families = |number: usize| {
+        let start = number * CHILDREN;
+        start..columns.len.min(start + CHILDREN)
+    };
+    let count = columns.len.div_ceil(CHILDREN);
+    let merged = |number: usize| {
+        let least = families(number).map(|index| below.need(index)).fold(0.0, f32::max);
+        Merged::new(columns, &Family::new(columns, families(number)), (families(number).start, least))
+    };
+    let merged: Vec<Merged> = (0..count).into_par_iter().with_min_len(FAMILIES_A_TASK).map(merged).collect();
+    let column = |value: fn(&Merged) -> f32| merged.iter().map(value).collect::<Vec<f32>>();
+    let strengths = column(|m| m.strength);
+    let above = Columns::new(Splats {
+        centers: merged.iter().map(|m| m.center).collect(),
+        shapes: Shapes::Each(merged.iter().map(|m| m.factor).collect()),
+        strength: match columns.kind {
+            Kind::Extinction => Strength::Extinction { masses: strengths },
+            Kind::Opacity(filter) => Strength::Opacity { peaks: strengths, filter },
+            Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, closed }) => {
+                let opacities = columns.opacities.as_ref().map(|_| column(|m| m.opacity));
+                Strength::Surface(Surface {
+                    areas: strengths,
+                    opacities,
+                    depth_tolerance,
+                    coverage_floor,
+                    closed,
+                })
+            }
         },
-        colors: (0..count).map(|i| splats.colors[pick(i)]).collect(),
-        harmonics: None,
-        normals: splats.normals.as_ref().map(|n| (0..count).map(|i| n[pick(i)]).collect()),
-        material: splats.material,
+        colors: merged.iter().map(|m| m.color).collect(),
+        harmonics: columns.harmonics.as_ref().map(|harmonics| {
+            let per_splat = Harmonics::count(harmonics.degree);
+            let mut coefficients = vec![[0.0; 3]; count * per_splat];
+            coefficients.par_chunks_mut(per_splat).enumerate().for_each(|(number, sums)| {
+                let family = Family::new(columns, families(number));
+                for (member, index) in family.members().iter().zip(families(number)) {
+                    for (sum, coefficient) in sums.iter_mut().zip(harmonics.row(index)) {
+                        for (sum, value) in sum.iter_mut().zip(coefficient) {
+                            *sum += member.share as f32 * value;
+                        }
+                    }
+                }
+            });
+            Harmonics { degree: harmonics.degree, coefficients }
+        }),
+        normals: columns.normals.as_ref().map(|_| merged.iter().map(|m| m.normal).collect()),
+        material: columns.material,
     });
-    let needs: Vec<f32> = vec![f32::MAX; count];
-    let mut clusters = clusters(&columns);
+    let needs = column(|m| m.need);
+    let mut clusters = clusters(&above);
     for cluster in &mut clusters {
         cluster.needs = range_of(needs[cluster.splats.clone()].iter().copied());
     }
-    let median_sigma = columns.median_sigma();
-    Level { columns, clusters, median_sigma, needs: Some(Column::new(needs, |need| [*need])) }
+    Level { columns: above, clusters, median_sigma: None, needs: Some(Column::new(needs, |need| [*need])) }
+}
+
+/// The least number of families that a thread merges at a time.
+const FAMILIES_A_TASK: usize = 256;
+
+impl Merged {
+    /// The splat for a family, whose members need `least` at most, from the cloud's splat `first` on.
+    fn new(columns: &Columns, family: &Family, (first, least): (usize, f32)) -> Self {
+        let covariance = family.covariance();
+        let (normals, strength, factor);
+        match columns.kind {
+            Kind::Extinction => {
+                normals = turned(family, |m| m.normal);
+                strength = family.weight;
+                factor = lower_factor(covariance);
+            }
+            Kind::Opacity(_) => {
+                normals = turned(family, |m| m.normal);
+                let shadow = mean_shadow(covariance);
+                strength = if shadow > 0.0 { (family.weight / shadow).min(1.0) } else { 0.0 };
+                factor = lower_factor(covariance);
+            }
+            Kind::Surface(SurfaceKind { closed, .. }) => {
+                normals = [0, 1, 2, 3].map(|i| family.members().get(i).map_or(DVec3::ZERO, |m| m.normal));
+                let sides = if closed {
+                    family.mean(|m| m.shape_normal)
+                } else {
+                    let turned = turned(family, |m| m.shape_normal);
+                    family.members().iter().zip(turned).map(|(m, normal)| m.share * normal).sum()
+                };
+                strength = family.weight * sides.length();
+                factor = facing_factor(covariance, sides.normalize_or(DVec3::Z));
+            }
+        }
+        let normal: DVec3 = family.members().iter().zip(normals).map(|(m, normal)| m.share * normal).sum();
+        let color = if matches!(columns.kind, Kind::Opacity(_)) {
+            // Trained colours are mixed as they are seen.
+            let encoded = family.mean(|m| m.color.map(|c| f64::from(linear_to_srgb(c as f32))));
+            encoded.to_array().map(|c| srgb_to_linear(c as f32))
+        } else {
+            family.mean(|m| m.color).as_vec3().to_array()
+        };
+        let terms = Terms::new(columns, family, (first, normals, strength));
+        Self {
+            center: family.center.as_vec3(),
+            factor: factor.as_mat3(),
+            strength: strength.min(f64::from(f32::MAX)) as f32,
+            opacity: family.average(|m| m.opacity).min(1.0) as f32,
+            color,
+            normal: normal.as_vec3(),
+            need: terms.need().max(least),
+        }
+    }
+}
+
+/// Vectors of which it doesn't matter which way they point, pointing the same way; the others are zero.
+fn turned(family: &Family, vector: impl Fn(&Member) -> DVec3) -> [DVec3; CHILDREN] {
+    let mut sum = DVec3::ZERO;
+    let mut turned = [DVec3::ZERO; CHILDREN];
+    for (turned, member) in turned.iter_mut().zip(family.members()) {
+        let vector = vector(member);
+        *turned = if vector.dot(sum) < 0.0 { -vector } else { vector };
+        sum += member.share * *turned;
+    }
+    turned
+}
+
+/// The lower triangular F of F Fᵀ = Σ, which may be singular.
+fn lower_factor(m: DMat3) -> DMat3 {
+    let x = column_through(m, DVec3::X);
+    let rest = m - outer(x, x);
+    let y = column_through(rest, DVec3::Y).with_x(0.0);
+    let rest = rest - outer(y, y);
+    DMat3::from_cols(x, y, DVec3::Z * rest.z_axis.z.max(0.0).sqrt())
+}
+
+/// F of F Fᵀ = Σ whose first two columns span the plane of a unit normal, and turn around it.
+fn facing_factor(m: DMat3, normal: DVec3) -> DMat3 {
+    let z = column_through(m, normal);
+    let rest = m - outer(z, z);
+    let u = normal.any_orthonormal_vector();
+    let v = normal.cross(u);
+    let [uu, uv, vv] = [u.dot(rest * u), u.dot(rest * v), v.dot(rest * v)];
+    let long = uu.max(0.0).sqrt();
+    let slant = if long > 0.0 { uv / long } else { 0.0 };
+    // A normal needs two directions, even where rounding leaves one.
+    let short = (vv - slant * slant).max(1e-12 * (uu + vv)).max(0.0).sqrt();
+    DMat3::from_cols(u * long + v * slant, v * short, z)
+}
+
+/// Σ n/√(nᵀΣn): what Σ loses with it annihilates n.
+fn column_through(m: DMat3, n: DVec3) -> DVec3 {
+    let along = m * n;
+    let variance = n.dot(along);
+    if variance > 0.0 { along / variance.sqrt() } else { DVec3::ZERO }
 }

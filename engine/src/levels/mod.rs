@@ -4,12 +4,16 @@
 //! which pixel filter on it may do so (`needs`). Four consecutive splats have one parent, and four consecutive clusters one
 //! parent cluster: the tree is in the order, and a cut through it is a set of ranges. See `cull`.
 
+mod family;
 mod merge;
+mod need;
+mod order;
 
 use crate::columns::{CHILDREN, Column, Columns, Factors, LANES, Lanes};
 use crate::cull::CLUSTER_SIZE;
 use glam::{DMat3, Vec3};
 use merge::coarser;
+use order::make_compact;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -65,6 +69,12 @@ pub(crate) fn allowance(tolerance: f64) -> f64 {
 
 /// Puts levels on a cloud's own splats, the last of which is a single cluster.
 pub(crate) fn with_coarser(mut levels: Vec<Level>) -> Vec<Level> {
+    if let [own] = &mut levels[..]
+        && own.columns.len > CLUSTER_SIZE
+    {
+        make_compact(&mut own.columns);
+        own.clusters = clusters(&own.columns);
+    }
     while let Some(below) = levels.last().filter(|level| level.columns.len > CLUSTER_SIZE) {
         let above = coarser(below);
         let below = levels.len() - 1;
@@ -119,3 +129,6 @@ fn clusters(columns: &Columns) -> Vec<Cluster> {
 pub(crate) fn frobenius(m: DMat3) -> f64 {
     (m.x_axis.length_squared() + m.y_axis.length_squared() + m.z_axis.length_squared()).sqrt()
 }
+
+#[cfg(test)]
+mod tests;

@@ -8,7 +8,7 @@ use crate::harmonics::basis;
 use crate::scene::Blend;
 use crate::simd::*;
 
-/// Colours in the space of blending, shaded where the splats are a volume's, and unit normals or zero.
+/// Colours in the space of blending, shaded where the splats are a volume's, and normals of length 1, or less if they are means, or zero.
 pub(super) struct Colors<S: Simd> {
     pub(super) color: V3<S>,
     pub(super) normal: V3<S>,
@@ -71,15 +71,29 @@ impl WideProjector<'_> {
         let normal = match &columns.normals {
             None => splat3(simd, [0.0; 3]),
             Some(normals) => {
-                let normal = lanes(simd, *normals.block(block));
-                normalize_or_zero(simd, Self::transform(simd, &self.normal_to_camera, normal))
+                let own = lanes(simd, *normals.block(block));
+                let unit = normalize_or_zero(simd, Self::transform(simd, &self.normal_to_camera, own));
+                if self.scalar.has_means {
+                    let length = dot(own, own).sqrt().min(splat(simd, 1.0));
+                    unit.each(
+                        #[inline(always)]
+                        |n| n * length,
+                    )
+                } else {
+                    unit
+                }
             }
         };
         let is_surface = matches!(columns.kind, columns::Kind::Surface(_));
         if is_surface || !self.scalar.view.settings.shade {
             return Colors { color, normal };
         }
-        let color = self.scalar.shader.shade_wide_two_sided(simd, color, normal, placed.center);
+        let color = self.scalar.shader.shade_wide_two_sided(
+            simd,
+            color,
+            (normal, self.scalar.has_means),
+            placed.center,
+        );
         Colors { color, normal }
     }
 
@@ -129,7 +143,7 @@ impl WideProjector<'_> {
                 // The side that is seen is the shape's; a shading normal agrees with it.
                 let cosine = dot(normal, own);
                 let turned = cosine.simd_lt(zero);
-                let bare = dot(normal, normal).simd_lt(splat(simd, 0.5));
+                let bare = dot(normal, normal).simd_eq(zero);
                 let normal = [0, 1, 2].each(
                     #[inline(always)]
                     |i| bare.select(own[i], turned.select(-normal[i], normal[i])),
