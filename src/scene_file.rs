@@ -19,6 +19,13 @@
 //! translate = [128, 60, 64]
 //! surfel-spacing = 0.5
 //!
+//! [[mesh]]                       # one thing in many places: read, sampled and kept once
+//! path = "tree.glb"
+//! instances = [                  # the table's own place first, then these
+//!     { translate = [1, 0, 0] },
+//!     { translate = [4, 0, 2], rotate = [0, 30, 0], scale = 1.5 },
+//! ]
+//!
 //! [[points]]                     # a point cloud; placed as meshes are
 //! path = "scan.laz"
 //! point-color = "intensity"      # rgb, intensity or height
@@ -37,6 +44,7 @@
 //! shade = true
 //! order = "slabs"
 //! slab-thickness = 1
+//! tolerance = "2/255"            # or a number
 //! ```
 
 use crate::check::{FARTHEST, Wrong, coordinates};
@@ -82,6 +90,7 @@ struct MeshTable {
     translate: Option<[f64; 3]>,
     rotate: Option<[f64; 3]>,
     scale: Option<Scale>,
+    instances: Option<Places>,
     texture: Option<PathBuf>,
     surfels: Option<usize>,
     surfel_spacing: Option<f64>,
@@ -94,6 +103,7 @@ struct VolumeTable {
     translate: Option<[f64; 3]>,
     rotate: Option<[f64; 3]>,
     scale: Option<Scale>,
+    instances: Option<Places>,
     dims: Option<[usize; 3]>,
     #[serde(rename = "type")]
     sample_type: Option<SampleKind>,
@@ -111,6 +121,7 @@ struct PointsTable {
     translate: Option<[f64; 3]>,
     rotate: Option<[f64; 3]>,
     scale: Option<Scale>,
+    instances: Option<Places>,
     point_color: Option<PointColors>,
 }
 
@@ -121,7 +132,28 @@ struct SplatsTable {
     translate: Option<[f64; 3]>,
     rotate: Option<[f64; 3]>,
     scale: Option<Scale>,
+    instances: Option<Places>,
     level: Option<u32>,
+}
+
+/// One of the places of a thing that stands in many.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PlaceTable {
+    translate: Option<[f64; 3]>,
+    rotate: Option<[f64; 3]>,
+    scale: Option<Scale>,
+}
+
+type Places = Spanned<Vec<Spanned<PlaceTable>>>;
+
+/// A table that says what stands in the scene.
+trait SourceTable {
+    /// Takes its list of places.
+    fn instances(&mut self) -> Option<Places>;
+
+    /// What it says besides, at the table's own place.
+    fn source(self, folder: &Path) -> Result<Source, Wrong>;
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -182,16 +214,16 @@ pub(crate) fn parse(text: &str, folder: &Path) -> Result<Description, Problem> {
 
     let mut sources = Vec::new();
     for table in file.volume {
-        sources.push(in_table(text, table, |t| t.source(folder))?);
+        sources.push(source(text, table, folder)?);
     }
     for table in file.mesh {
-        sources.push(in_table(text, table, |t| t.source(folder))?);
+        sources.push(source(text, table, folder)?);
     }
     for table in file.points {
-        sources.push(in_table(text, table, |t| t.source(folder))?);
+        sources.push(source(text, table, folder)?);
     }
     for table in file.splats {
-        sources.push(in_table(text, table, |t| t.source(folder))?);
+        sources.push(source(text, table, folder)?);
     }
     let camera = file.camera.map(|table| in_table(text, table, |t| t.check().map(|()| t)));
     let picture = file.render.map(|table| {
@@ -199,6 +231,7 @@ pub(crate) fn parse(text: &str, folder: &Path) -> Result<Description, Problem> {
             let samples = t.samples.is_none() || t.reference == Some(Reference::R2);
             check("samples", samples, || "is for reference = \"r2\"".into())?;
             check("slab-thickness", t.thickness_has_use(), || "is for order = \"slabs\"".into())?;
+            check("budget", t.budget_has_use(), || "is kept by level-of-detail = true".into())?;
             t.check().map(|()| t)
         })
     });
@@ -209,6 +242,25 @@ pub(crate) fn parse(text: &str, folder: &Path) -> Result<Description, Problem> {
         sources,
         lights: lights.collect::<Result<_, _>>()?,
     })
+}
+
+/// A table's source, in each of its places: the table's own place is where it stands among its instances.
+fn source<T: SourceTable>(text: &str, mut table: Spanned<T>, folder: &Path) -> Result<Source, Problem> {
+    let instances = table.get_mut().instances();
+    let mut source = in_table(text, table, |t| t.source(folder))?;
+    let Some(instances) = instances else { return Ok(source) };
+    let span = instances.span();
+    let instances = instances.into_inner();
+    if instances.is_empty() {
+        let message = "instances is empty; it must list one place or more, such as { translate = [1, 0, 0] }";
+        return Err(Problem { message: message.into(), span: Some(span) });
+    }
+    let own = std::mem::take(&mut source.places);
+    for instance in instances {
+        let outer = in_table(text, instance, |t| placement(t.translate, t.rotate, t.scale))?;
+        source.places.extend(own.iter().map(|inner| outer * *inner));
+    }
+    Ok(source)
 }
 
 /// Checks or converts a table; what is wrong gets the place of its key.
@@ -256,14 +308,18 @@ fn place(text: &str, span: Range<usize>) -> String {
     format!(", line {line}, column {column} (`{source}`)")
 }
 
-impl MeshTable {
+impl SourceTable for MeshTable {
+    fn instances(&mut self) -> Option<Places> {
+        self.instances.take()
+    }
+
     fn source(self, folder: &Path) -> Result<Source, Wrong> {
         let look = Look { surfels: self.surfels, surfel_spacing: self.surfel_spacing, ..Look::default() };
         look.check()?;
         Ok(Source {
             path: folder.join(self.path),
             kind: Some(Kind::Mesh),
-            placement: placement(self.translate, self.rotate, self.scale)?,
+            places: vec![placement(self.translate, self.rotate, self.scale)?],
             file: FileOptions {
                 texture: self.texture.map(|path| folder.join(path)),
                 ..FileOptions::default()
@@ -273,7 +329,11 @@ impl MeshTable {
     }
 }
 
-impl VolumeTable {
+impl SourceTable for VolumeTable {
+    fn instances(&mut self) -> Option<Places> {
+        self.instances.take()
+    }
+
     fn source(self, folder: &Path) -> Result<Source, Wrong> {
         // What is no preset is a file beside this one.
         let transfer = self.transfer.map(|name| {
@@ -293,29 +353,37 @@ impl VolumeTable {
         Ok(Source {
             path: folder.join(self.path),
             kind: Some(Kind::Volume),
-            placement: placement(self.translate, self.rotate, self.scale)?,
+            places: vec![placement(self.translate, self.rotate, self.scale)?],
             file,
             look,
         })
     }
 }
 
-impl PointsTable {
+impl SourceTable for PointsTable {
+    fn instances(&mut self) -> Option<Places> {
+        self.instances.take()
+    }
+
     fn source(self, folder: &Path) -> Result<Source, Wrong> {
         Ok(Source {
             kind: Some(Kind::Points),
-            placement: placement(self.translate, self.rotate, self.scale)?,
+            places: vec![placement(self.translate, self.rotate, self.scale)?],
             look: Look { point_color: self.point_color, ..Look::default() },
             ..Source::new(folder.join(self.path))
         })
     }
 }
 
-impl SplatsTable {
+impl SourceTable for SplatsTable {
+    fn instances(&mut self) -> Option<Places> {
+        self.instances.take()
+    }
+
     fn source(self, folder: &Path) -> Result<Source, Wrong> {
         Ok(Source {
             kind: Some(Kind::Splats),
-            placement: placement(self.translate, self.rotate, self.scale)?,
+            places: vec![placement(self.translate, self.rotate, self.scale)?],
             file: FileOptions { level: self.level, ..FileOptions::default() },
             ..Source::new(folder.join(self.path))
         })
@@ -396,9 +464,37 @@ mod tests {
         let mesh = &scene.sources[1];
         assert_eq!(mesh.path, Path::new("folder/a.glb"));
         // x is scaled to 2, turned to y, moved along x.
-        let moved = mesh.placement.transform_point3(DVec3::X);
+        let moved = mesh.places[0].transform_point3(DVec3::X);
         assert!((moved - DVec3::new(10.0, 2.0, 0.0)).length() < 1e-12, "{moved}");
         assert_eq!(scene.lights, [Light::Ambient { color: [0.5; 3] }]);
+    }
+
+    #[test]
+    fn instances_stand_outside_of_the_own_place() {
+        let text = "version = 1\n[[splats]]\npath = 'a.ply'\nscale = 2\ntranslate = [1, 0, 0]\ninstances = [\n\
+                    { translate = [0, 0, 5] }, { scale = 3, rotate = [0, 0, 90] },\n {} ]\n\
+                    [[mesh]]\npath = 'b.obj'\n[[mesh.instances]]\nscale = 4\n[[mesh.instances]]\n";
+        let scene = parse(text, Path::new("")).map_err(|p| p.message).unwrap();
+        let [mesh, splats] = &scene.sources[..] else { panic!("{:?}", scene.sources) };
+        let moved = splats.places.iter().map(|place| place.transform_point3(DVec3::X));
+        let wanted = [DVec3::new(3.0, 0.0, 5.0), DVec3::new(0.0, 9.0, 0.0), DVec3::new(3.0, 0.0, 0.0)];
+        assert_eq!(splats.places.len(), wanted.len());
+        for (moved, wanted) in moved.zip(wanted) {
+            assert!((moved - wanted).length() < 1e-12, "{moved} for {wanted}");
+        }
+        assert_eq!(mesh.places.len(), 2);
+        assert_eq!(mesh.places[0].transform_point3(DVec3::X), DVec3::X * 4.0);
+
+        let table = "version = 1\n[[mesh]]\npath = 'a'\ntranslate = [0, 0, 0]\n";
+        let wrong = problem(&format!("{table}instances = [\n  {{}},\n  {{ scale = 0 }},\n]\n"));
+        assert!(wrong.contains("line 7, column 3") && wrong.contains("above 0"), "{wrong}");
+        let wrong = problem(&format!("{table}instances = [{{ translate = [nan, 0, 0] }}]\n"));
+        assert!(wrong.contains("line 5") && wrong.contains("translate"), "{wrong}");
+        let wrong = problem(&format!("{table}instances = [{{ position = [1, 0, 0] }}]\n"));
+        assert!(wrong.contains("line 5") && wrong.contains("position"), "{wrong}");
+        assert!(problem(&format!("{table}instances = []\n")).contains("line 5, column 13"));
+        let wrong = problem(&format!("{table}[[mesh.instances]]\nscale = -1\n"));
+        assert!(wrong.contains("line 6") && wrong.contains("above 0"), "{wrong}");
     }
 
     #[test]
