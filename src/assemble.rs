@@ -1,16 +1,18 @@
 //! Meshes, volumes and trained splats to a scene of splats and the view that shows it.
 
-use crate::content::{Body, Item};
+use crate::content::{Body, Item, placed_mesh, placed_volume};
 use crate::description::{CameraOptions, Look};
-use crate::framing::View;
+use crate::detail::levels_pay;
+use crate::draw::Drawing;
+use crate::framing::{View, outline};
 use crate::progress::Console;
 use crate::transfer;
 use anyhow::{Context, Result, ensure};
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use oblate::engine::{Camera, Cloud, Light, Scene};
 use oblate::surfels::{
     Density, Mesh, PointCloud, PointColor, PointSettings, SamplerSettings, point_surfels, sample,
-    view_spacing,
+    shown_spacing, view_spacing,
 };
 use oblate::volumes::{IsoSettings, KernelSettings, Volume, iso_surfels, to_kernels};
 
@@ -22,37 +24,59 @@ const MOST_SURFELS_A_PIXEL: f64 = 16.0;
 /// Surfels of a mesh that may be asked for: about 8 GiB.
 const MOST_ASKED: usize = 100_000_000;
 
+/// Clouds that a scene can hold, and splats that its ids can name.
+const MOST_CLOUDS: usize = u16::MAX as usize;
+const MOST_SPLATS: usize = u32::MAX as usize - 1;
+
 /// A scene ready to be drawn.
 pub(crate) struct Assembled {
     pub(crate) scene: Scene,
     pub(crate) camera: Camera,
     pub(crate) view: View,
+    /// Of each cloud: what it is of, and which of that thing's places it stands in.
+    pub(crate) origins: Vec<(String, usize)>,
+}
+
+/// A cloud in the world at one of its places, and the moves that take it to each of them.
+struct Standing {
+    name: String,
+    cloud: Cloud,
+    moves: Vec<DAffine3>,
 }
 
 /// Turns items into splats. Volumes and what is splats already come first: they don't depend on the view, the
-/// view is framed on what they show, and the number of surfels of a mesh follows the view.
+/// view is framed on what they show, and the number of surfels of a mesh follows the view. What stands in many places
+/// is made into splats once.
 pub(crate) fn assemble(
     items: Vec<Item>,
     camera: &CameraOptions,
-    size: [u32; 2],
     lights: Vec<Light>,
+    drawing: &Drawing,
     console: Console,
 ) -> Result<Assembled> {
+    let places: usize = items.iter().map(|item| item.places.len()).sum();
+    ensure!(
+        places <= MOST_CLOUDS,
+        "the scene has {places} instances; at most {MOST_CLOUDS} clouds can be drawn"
+    );
     // A volume's axes are named in its file; what is up in others is custom.
     let first = items.iter().find(|item| matches!(item.body, Body::Volume(_))).or(items.first());
     let up = first.map_or(DVec3::Y, |item| item.up);
-    let (mut clouds, mut meshes) = (Vec::new(), Vec::new());
-    for Item { name, body, look, .. } in items {
+    let (mut standing, mut meshes) = (Vec::new(), Vec::new());
+    for Item { name, body, places, look, .. } in items {
+        let moves = moves_from(&places, 0);
+        let stand = |cloud| Standing { name: name.clone(), cloud, moves: moves.clone() };
         match body {
-            Body::Mesh(mesh) => meshes.push((name, mesh, look)),
-            Body::Splats { cloud, .. } => clouds.push(cloud),
-            Body::Points(points, placement) => {
+            Body::Mesh(mesh) => meshes.push(StandingMesh { name, mesh, places, look }),
+            Body::Splats { cloud, .. } => standing.push(stand(cloud.transformed(places[0]))),
+            Body::Points(points) => {
                 let _task = console.task(format!("surfels of {name}"));
                 let cloud = point_cloud(&points, &look).with_context(|| name.clone())?;
-                clouds.push(cloud.transformed(placement));
+                standing.push(stand(cloud.transformed(places[0])));
             }
             Body::Volume(volume) => {
                 let _task = console.task(format!("splats of {name}"));
+                let volume = placed_volume(volume, places[0])?;
                 let shown = volume_clouds(&volume, &look).with_context(|| name.clone())?;
                 if shown.iter().all(Cloud::is_empty) {
                     let range = volume
@@ -60,35 +84,134 @@ pub(crate) fn assemble(
                         .map_or("no finite value".into(), |[a, b]| format!("values {a} to {b}"));
                     console.say(format_args!("{name}: nothing in it is visible ({range})"));
                 }
-                clouds.extend(shown);
+                standing.extend(shown.into_iter().map(stand));
             }
         }
     }
 
-    let points = |see: &mut dyn FnMut(DVec3)| {
-        for cloud in &clouds {
-            let to_world = cloud.cloud_to_world();
-            (0..cloud.len()).for_each(|i| see(to_world.transform_point3(cloud.center(i).as_dvec3())));
-        }
-        for (_, mesh, _) in &meshes {
-            for part in &mesh.primitives {
-                let to_world = part.primitive_to_mesh;
-                part.positions.iter().for_each(|p| see(to_world.transform_point3(p.as_dvec3())));
-            }
-        }
-    };
-    let view = View::complete(camera, &points, up, size)?;
-    let camera = view.camera(size)?;
-
-    let most = MOST_SURFELS.min(MOST_SURFELS_A_PIXEL * f64::from(size[0]) * f64::from(size[1]));
-    let whole: f64 = meshes.iter().map(|(_, mesh, _)| mesh.area()).sum();
-    for (name, mesh, look) in &meshes {
+    let view = framed(camera, (&standing, &meshes), up, drawing.size)?;
+    let camera = view.camera(drawing.size)?;
+    let [width, height] = drawing.size.map(f64::from);
+    let most = MOST_SURFELS.min(MOST_SURFELS_A_PIXEL * width * height);
+    let sampled: Vec<_> = meshes.into_iter().map(|mesh| mesh.at_the_nearest(&camera)).collect();
+    let whole: f64 = sampled.iter().map(|(mesh, _)| mesh.mesh.area()).sum();
+    // Of the ids that are left each place takes as many as another.
+    let taken: usize = standing.iter().map(|own| own.cloud.len().saturating_mul(own.moves.len())).sum();
+    let ids = MOST_SPLATS.saturating_sub(taken)
+        / sampled.iter().map(|(_, moves)| moves.len()).sum::<usize>().max(1);
+    for (StandingMesh { name, mesh, look, .. }, moves) in sampled {
         let _task = console.task(format!("surfels of {name}"));
         // The meshes share the limit by their areas.
         let share = (most * mesh.area() / whole) as usize;
-        clouds.push(surfels(mesh, look, &camera, share).with_context(|| name.clone())?);
+        let cloud = surfels(&mesh, &look, &camera, share.min(ids)).with_context(|| name.clone())?;
+        standing.push(Standing { name, cloud, moves });
     }
-    Ok(Assembled { scene: Scene { clouds, lights }, camera, view })
+
+    let (mut clouds, mut origins) = (Vec::with_capacity(places), Vec::with_capacity(places));
+    for Standing { name, mut cloud, moves } in standing {
+        if levels_pay(&cloud, &moves, &camera, drawing) {
+            let _task = console.task(format!("levels of detail of {name}"));
+            cloud = cloud.with_levels();
+        }
+        clouds.extend(moves.iter().map(|to| cloud.clone().transformed(*to)));
+        origins.extend((0..moves.len()).map(|place| (name.clone(), place)));
+    }
+    Ok(Assembled { scene: Scene { clouds, lights }, camera, view, origins })
+}
+
+/// What takes a thing from one of its places to each of them; exactly nothing to that one.
+fn moves_from(places: &[DAffine3], base: usize) -> Vec<DAffine3> {
+    let back = places[base].inverse();
+    let to = |(number, place): (usize, &DAffine3)| {
+        if number == base { DAffine3::IDENTITY } else { *place * back }
+    };
+    places.iter().enumerate().map(to).collect()
+}
+
+/// A mesh in its own space, and where it stands.
+struct StandingMesh {
+    name: String,
+    mesh: Mesh,
+    places: Vec<DAffine3>,
+    look: Look,
+}
+
+impl StandingMesh {
+    /// The mesh where its surfels must be the densest, of the places that the picture shows if there are any, and the moves
+    /// to all of them.
+    fn at_the_nearest(self, camera: &Camera) -> (Self, Vec<DAffine3>) {
+        let base = self.nearest(camera);
+        let moves = moves_from(&self.places, base);
+        let mesh = placed_mesh(self.mesh, self.places[base]);
+        (Self { mesh, ..self }, moves)
+    }
+
+    fn nearest(&self, camera: &Camera) -> usize {
+        let Some([low, high]) = self.mesh.bounds().filter(|_| self.places.len() > 1) else { return 0 };
+        let corners = |place: &DAffine3| {
+            let corner = |i: usize| {
+                let side = |axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
+                place.transform_point3(DVec3::new(side(0), side(1), side(2)))
+            };
+            let first = [corner(0); 2];
+            (1..8).map(corner).fold(first, |[low, high], p| [low.min(p), high.max(p)])
+        };
+        // Spacings in the mesh's own space.
+        let finest = |spacing: &dyn Fn([DVec3; 2]) -> Option<f64>| {
+            let own =
+                |place: &DAffine3| Some(spacing(corners(place))? / place.matrix3.determinant().abs().cbrt());
+            let spacings = self.places.iter().enumerate().filter_map(|(i, place)| Some((i, own(place)?)));
+            spacings.min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(i, _)| i)
+        };
+        finest(&|bounds| shown_spacing(camera, bounds))
+            .or_else(|| finest(&|bounds| Some(view_spacing(camera, bounds))))
+            .unwrap_or(0)
+    }
+}
+
+/// The view that shows everything, but for what the viewer says. Of what stands in many places, the outline stands for all.
+fn framed(
+    camera: &CameraOptions,
+    (standing, meshes): (&[Standing], &[StandingMesh]),
+    up: DVec3,
+    size: [u32; 2],
+) -> Result<View> {
+    let of_cloud = |cloud: &Cloud, see: &mut dyn FnMut(DVec3)| {
+        let to_world = cloud.cloud_to_world();
+        (0..cloud.len()).for_each(|i| see(to_world.transform_point3(cloud.center(i).as_dvec3())));
+    };
+    let of_mesh = |mesh: &Mesh, see: &mut dyn FnMut(DVec3)| {
+        for part in &mesh.primitives {
+            let to_mesh = part.primitive_to_mesh;
+            part.positions.iter().for_each(|p| see(to_mesh.transform_point3(p.as_dvec3())));
+        }
+    };
+    let cloud_outline =
+        |own: &Standing| (own.moves.len() > 1).then(|| outline(&|see| of_cloud(&own.cloud, see)));
+    let mesh_outline =
+        |own: &StandingMesh| (own.places.len() > 1).then(|| outline(&|see| of_mesh(&own.mesh, see)));
+    let cloud_outlines: Vec<_> = standing.iter().map(cloud_outline).collect();
+    let mesh_outlines: Vec<_> = meshes.iter().map(mesh_outline).collect();
+    let everywhere = |outline: &[DVec3], places: &[DAffine3], see: &mut dyn FnMut(DVec3)| {
+        for place in places {
+            outline.iter().for_each(|p| see(place.transform_point3(*p)));
+        }
+    };
+    let points = |see: &mut dyn FnMut(DVec3)| {
+        for (own, outline) in standing.iter().zip(&cloud_outlines) {
+            match outline {
+                Some(outline) => everywhere(outline, &own.moves, see),
+                None => of_cloud(&own.cloud, see),
+            }
+        }
+        for (own, outline) in meshes.iter().zip(&mesh_outlines) {
+            match outline {
+                Some(outline) => everywhere(outline, &own.places, see),
+                None => of_mesh(&own.mesh, &mut |p| see(own.places[0].transform_point3(p))),
+            }
+        }
+    };
+    View::complete(camera, &points, up, size)
 }
 
 /// As many surfels as asked for; else one a pixel, at most `most`.

@@ -44,7 +44,10 @@ pub(crate) fn items(console: Console) -> Result<Vec<Item>> {
     let _task = console.task("making the built-in scene");
     let phantom = smoothed(&shepp_logan(SAMPLES)?)?;
     let organs = inner(&phantom)?;
-    let item = |name: &str, body, look| Item { name: name.into(), body, look, up: DVec3::Z };
+    let item = |name: &str, body, look| {
+        let places = vec![DAffine3::IDENTITY];
+        Item { name: name.into(), body, places, look, up: DVec3::Z }
+    };
     Ok(vec![
         item(
             "phantom",

@@ -1,6 +1,7 @@
 //! Ranges of the choices, the same for options and for keys of scene files.
 
 use crate::description::{CameraOptions, FileOptions, Look, PictureOptions};
+use crate::notation::Tolerance;
 use std::fmt;
 
 /// Beyond this, coordinates leave no room for sizes in single precision; what is scaled by less than its
@@ -83,6 +84,10 @@ impl PictureOptions {
             let right = (1e-3..=1e6).contains(&thickness);
             ensure("slab-thickness", thickness, right, "from 0.001 to 1e6")?;
         }
+        if let Some(Tolerance(tolerance)) = self.tolerance {
+            ensure("tolerance", tolerance, (0.0..=1.0).contains(&tolerance), "from 0 to 1, such as 2/255")?;
+        }
+        self.budget.map_or(Ok(()), |n| ensure("budget", n, n > 0, "at least 1"))?;
         self.samples.map_or(Ok(()), |n| ensure("samples", n, (1..=65_536).contains(&n), "from 1 to 65536"))
     }
 }

@@ -3,6 +3,7 @@
 pub(crate) mod compare;
 pub(crate) mod convert;
 pub(crate) mod info;
+pub(crate) mod pick;
 pub(crate) mod render;
 
 use anyhow::{Context, Result};

@@ -12,12 +12,14 @@ use oblate::volumes::{GridFrame, Volume};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Something to draw, in world space.
+/// Something to draw.
 #[derive(Clone, Debug)]
 pub(crate) struct Item {
     /// What messages call it.
     pub(crate) name: String,
     pub(crate) body: Body,
+    /// From the body's space to the world, wherever it stands; at least one.
+    pub(crate) places: Vec<DAffine3>,
     pub(crate) look: Look,
     /// What is up, by custom.
     pub(crate) up: DVec3,
@@ -28,8 +30,7 @@ pub(crate) struct Item {
 pub(crate) enum Body {
     Mesh(Mesh),
     Volume(Volume),
-    /// Points, and where they stand in the world.
-    Points(PointCloud, DAffine3),
+    Points(PointCloud),
     /// Splats as they are.
     Splats {
         cloud: Cloud,
@@ -38,7 +39,7 @@ pub(crate) enum Body {
     },
 }
 
-/// Reads a file and puts it in its place. `given` are options for all files, which stand over the source's.
+/// Reads a file. `given` are options for all files, which stand over the source's.
 pub(crate) fn load(source: Source, given: &FileOptions, console: Console) -> Result<(Item, Uses)> {
     let name = source.path.display().to_string();
     let (opened, uses) = open(&source.path, &given.clone().over(source.file.clone()), console)?;
@@ -56,18 +57,18 @@ pub(crate) fn load(source: Source, given: &FileOptions, console: Console) -> Res
     }
     let up = opened.up;
     let body = match opened.content {
-        Content::Mesh(mesh) => Body::Mesh(placed_mesh(mesh, source.placement)),
-        Content::Volume(volume) => Body::Volume(placed_volume(volume, source.placement)?),
-        Content::Points(points) => Body::Points(points, source.placement),
+        Content::Mesh(mesh) => Body::Mesh(mesh),
+        Content::Volume(volume) => Body::Volume(volume),
+        Content::Points(points) => Body::Points(points),
         Content::Splats { splats, blend } => {
             let cloud = Cloud::new(splats).with_context(|| name.clone())?;
-            Body::Splats { cloud: cloud.transformed(source.placement), blend }
+            Body::Splats { cloud, blend }
         }
     };
     // What a scene file says of one file must be of use for that file.
     let said = source.file.check_use(uses);
     said.map_err(|Wrong { key, problem }| anyhow!("{name}: {key} {problem}"))?;
-    Ok((Item { name, body, look: source.look, up }, uses))
+    Ok((Item { name, body, places: source.places, look: source.look, up }, uses))
 }
 
 /// Reads a file and says which options it had a use for.

@@ -3,7 +3,7 @@
 //! Every choice is optional here. A choice made at the command line stands over the scene file's, and
 //! what neither makes is decided where it is used.
 
-use crate::notation::{self, Rgba};
+use crate::notation::{self, Rgba, Tolerance};
 use clap::{Args, ValueEnum};
 use glam::DAffine3;
 use oblate::engine::{Blend, FootprintForm, Light, Order};
@@ -28,8 +28,8 @@ pub(crate) struct Source {
     pub(crate) path: PathBuf,
     /// What the file must hold; `None` takes what comes.
     pub(crate) kind: Option<Kind>,
-    /// From the file's space to the world.
-    pub(crate) placement: DAffine3,
+    /// From the file's space to the world, for each place where it stands; at least one.
+    pub(crate) places: Vec<DAffine3>,
     pub(crate) file: FileOptions,
     pub(crate) look: Look,
 }
@@ -49,7 +49,7 @@ impl Source {
         Self {
             path,
             kind: None,
-            placement: DAffine3::IDENTITY,
+            places: vec![DAffine3::IDENTITY],
             file: FileOptions::default(),
             look: Look::default(),
         }
@@ -129,6 +129,20 @@ pub(crate) struct PictureOptions {
     /// closer to the exact picture and slower. Asks for slabs where --order is auto [default: 2]
     #[arg(long, value_name = "X", allow_hyphen_values = true)]
     pub(crate) slab_thickness: Option<f64>,
+    /// Largest error of a channel that is aimed at, where white is 1: a fraction or a number. All that saves
+    /// work keeps to a share of it [default: 1/255]
+    #[arg(long, value_name = "X", allow_hyphen_values = true)]
+    pub(crate) tolerance: Option<Tolerance>,
+    /// Draws at most N splats: the best picture that can be had of so few, by coarser levels of detail
+    /// [default: as many as the tolerance asks for]
+    #[arg(long, value_name = "N")]
+    pub(crate) budget: Option<usize>,
+    /// Whether one splat is drawn for several where the picture can't tell [default: on]
+    #[arg(long, value_name = "on|off", value_parser = notation::switch)]
+    pub(crate) level_of_detail: Option<bool>,
+    /// Whether splats hidden by what is nearer are left out before they are projected [default: on]
+    #[arg(long, value_name = "on|off", value_parser = notation::switch)]
+    pub(crate) occlusion: Option<bool>,
     /// Lets a slow reference draw the picture: r1 integrates the filtered splats along pixel centres, r2
     /// the unfiltered ones with many samples a pixel [default: off]
     #[arg(long)]
@@ -153,6 +167,12 @@ impl PictureOptions {
             slab_thickness: self
                 .slab_thickness
                 .or(under.slab_thickness.filter(|_| self.order.is_none_or(OrderMode::may_be_slabs))),
+            tolerance: self.tolerance.or(under.tolerance),
+            // Levels are what a budget is kept with: who turns them off leaves it behind.
+            budget: self.budget.or(under.budget.filter(|_| self.level_of_detail != Some(false))),
+            // And who gives one wants them.
+            level_of_detail: self.level_of_detail.or(under.level_of_detail.filter(|_| self.budget.is_none())),
+            occlusion: self.occlusion.or(under.occlusion),
             reference: self.reference.or(under.reference),
             // Samples are for one reference: another choice of it leaves them behind.
             samples: self
@@ -164,6 +184,11 @@ impl PictureOptions {
     /// Whether a thickness, where one is given, has slabs to be of.
     pub(crate) fn thickness_has_use(&self) -> bool {
         self.slab_thickness.is_none() || self.order.is_none_or(OrderMode::may_be_slabs)
+    }
+
+    /// Whether a budget, where one is given, has levels to be kept with.
+    pub(crate) fn budget_has_use(&self) -> bool {
+        self.budget.is_none() || self.level_of_detail != Some(false)
     }
 
     /// When kernels are composited.

@@ -21,6 +21,8 @@ pub(crate) struct Drawing {
     pub(crate) size: [u32; 2],
     pub(crate) settings: RenderSettings,
     pub(crate) reference: Option<ReferenceKind>,
+    /// How many pictures are measured, after one that warms up; `None` draws one and measures nothing.
+    pub(crate) measured: Option<usize>,
 }
 
 impl Drawing {
@@ -31,6 +33,7 @@ impl Drawing {
         let choice = options.reference.unwrap_or_default();
         ensure!(options.samples.is_none() || choice == Reference::R2, "--samples is for --reference r2");
         ensure!(options.thickness_has_use(), "--slab-thickness is for --order slabs");
+        ensure!(options.budget_has_use(), "--budget is kept by --level-of-detail on");
         let samples = options.samples.unwrap_or(SAMPLES);
         Ok(Self {
             size: options.size.unwrap_or([SIDE; 2]),
@@ -41,6 +44,10 @@ impl Drawing {
                 order: options.order(),
                 shade: options.shade.unwrap_or(true),
                 background: options.background.unwrap_or(Rgba::from_bytes(BACKGROUND)).0,
+                tolerance: options.tolerance.map_or(defaults.tolerance, |tolerance| tolerance.0),
+                level_of_detail: options.level_of_detail.unwrap_or(defaults.level_of_detail),
+                budget: options.budget,
+                occlusion: options.occlusion.unwrap_or(defaults.occlusion),
                 channels,
                 ..defaults
             },
@@ -49,23 +56,27 @@ impl Drawing {
                 Reference::R1 => Some(ReferenceKind::R1),
                 Reference::R2 => Some(ReferenceKind::R2 { samples }),
             },
+            measured: None,
         })
     }
 
-    /// Draws a frame, and where it is to be measured one that warms up and then `measured` more; gives the last, and
-    /// the times of those that count.
+    /// How often the picture is drawn.
+    pub(crate) fn pictures(&self) -> usize {
+        1 + self.measured.unwrap_or(0)
+    }
+
+    /// Draws a frame, as often as it is asked for; gives the last, and the times of those that are measured.
     pub(crate) fn draw(
         &self,
         scene: &Scene,
         camera: &Camera,
-        measured: Option<usize>,
         console: Console,
     ) -> Result<(Frame, Vec<FrameTimes>)> {
         let _task = self.reference.is_none().then(|| console.task("drawing"));
         let mut renderer = Renderer::new();
         let mut frame = None;
         let mut times = Vec::new();
-        for _ in 0..=measured.unwrap_or(0) {
+        for _ in 0..self.pictures() {
             let clock = StageClock::default();
             let begun = Instant::now();
             match self.reference {
@@ -74,7 +85,7 @@ impl Drawing {
             }
             times.push(clock.finish(begun.elapsed(), rayon::current_num_threads()));
         }
-        let first = usize::from(measured.is_some());
+        let first = usize::from(self.measured.is_some());
         Ok((frame.unwrap_or_else(|| renderer.into_frame()), times.split_off(first)))
     }
 

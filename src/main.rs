@@ -6,8 +6,10 @@ mod check;
 mod command;
 mod content;
 mod description;
+mod detail;
 mod draw;
 mod framing;
+mod inputs;
 mod notation;
 mod output;
 mod picture;
@@ -32,6 +34,7 @@ struct Cli {
 enum Command {
     Render(Box<command::render::RenderArgs>),
     Info(command::info::InfoArgs),
+    Pick(Box<command::pick::PickArgs>),
     Convert(Box<command::convert::ConvertArgs>),
     Compare(command::compare::CompareArgs),
 }
@@ -41,6 +44,7 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Render(args) => command::render::run(*args).map(|()| ExitCode::SUCCESS),
         Command::Info(args) => command::info::run(&args).map(|()| ExitCode::SUCCESS),
+        Command::Pick(args) => command::pick::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Convert(args) => command::convert::run(*args).map(|()| ExitCode::SUCCESS),
         Command::Compare(args) => command::compare::run(&args),
     };

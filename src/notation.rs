@@ -42,6 +42,44 @@ impl TryFrom<String> for Rgba {
     }
 }
 
+/// An error of a channel, where white is 1: `2/255` or `0.01`; a number or a text in scene files.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(try_from = "Number")]
+pub(crate) struct Tolerance(pub(crate) f64);
+
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "write it as \"2/255\" or 0.01")]
+enum Number {
+    Plain(f64),
+    Whole(i64),
+    Text(String),
+}
+
+impl FromStr for Tolerance {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("`{text}` is no error of a channel; write it as 2/255 or 0.01");
+        let number = |text: &str| text.trim().parse::<f64>().map_err(|_| wrong());
+        match text.split_once('/') {
+            Some((above, below)) => Ok(Self(number(above)? / number(below)?)),
+            None => number(text).map(Self),
+        }
+    }
+}
+
+impl TryFrom<Number> for Tolerance {
+    type Error = String;
+
+    fn try_from(number: Number) -> Result<Self, String> {
+        match number {
+            Number::Plain(value) => Ok(Self(value)),
+            Number::Whole(value) => Ok(Self(value as f64)),
+            Number::Text(text) => text.parse(),
+        }
+    }
+}
+
 /// Numbers between separators, as many as fit the array.
 fn separated<T: FromStr + Copy, const N: usize>(text: &str, by: char, like: &str) -> Result<[T; N], String> {
     let wrong = || format!("`{text}` is not {N} numbers; write them like {like}");
@@ -62,6 +100,12 @@ pub(crate) fn dims(text: &str) -> Result<[usize; 3], String> {
 /// `1,-2,3.5`, each finite.
 pub(crate) fn triple(text: &str) -> Result<[f64; 3], String> {
     let numbers: [f64; 3] = separated(text, ',', "1,-2,3.5")?;
+    if numbers.iter().all(|n| n.is_finite()) { Ok(numbers) } else { Err(format!("`{text}` is not finite")) }
+}
+
+/// `320,240.5`, each finite.
+pub(crate) fn pair(text: &str) -> Result<[f64; 2], String> {
+    let numbers: [f64; 2] = separated(text, ',', "320,240.5")?;
     if numbers.iter().all(|n| n.is_finite()) { Ok(numbers) } else { Err(format!("`{text}` is not finite")) }
 }
 
@@ -119,6 +163,17 @@ mod tests {
         }
         assert!(size("-1x2").is_err());
         assert_eq!(comma_list(&[1.0, -0.0, -2.5]), "1,0,-2.5");
+    }
+
+    #[test]
+    fn tolerances() {
+        assert_eq!("2/255".parse(), Ok(Tolerance(2.0 / 255.0)));
+        assert_eq!(" 0.01 ".parse(), Ok(Tolerance(0.01)));
+        for wrong in ["", "2/", "/255", "1/2/3", "x"] {
+            assert!(wrong.parse::<Tolerance>().is_err(), "{wrong} passed");
+        }
+        // What is no number is refused where ranges are.
+        assert!("0/0".parse::<Tolerance>().unwrap().0.is_nan());
     }
 
     #[test]

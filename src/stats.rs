@@ -75,8 +75,17 @@ pub(crate) struct FrameTimes {
 pub(crate) struct Stats {
     /// Splats in the scene.
     pub(crate) splats: u64,
+    /// Splats, of whatever level of detail, that were not projected because they lie outside the picture; null when a reference
+    /// drew it.
+    pub(crate) culled: Option<u64>,
+    /// Those that were not projected because they are hidden; null when a reference drew the picture.
+    pub(crate) occluded: Option<u64>,
     /// Splats whose footprint touches the picture; null when a reference drew it.
     pub(crate) visible: Option<u64>,
+    /// Those of them that stand for several; null when a reference drew the picture.
+    pub(crate) merged: Option<u64>,
+    /// Those of them in each form; null when a reference drew the picture.
+    pub(crate) forms: Option<SplatForms>,
     /// Pixels that were evaluated, summed over the splats; null when a reference drew it.
     pub(crate) fragments: Option<u64>,
     /// Those of kernels that came too late for the window of `--order per-pixel`, after one that lies behind them; 0 in
@@ -98,6 +107,21 @@ pub(crate) struct Stats {
     pub(crate) build_ms: f64,
     /// Largest resident size of the process; null where the system doesn't tell.
     pub(crate) peak_mib: Option<f64>,
+}
+
+/// Splats by the form of their footprint.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct SplatForms {
+    point: u64,
+    affine: u64,
+    exact: u64,
+}
+
+impl SplatForms {
+    /// Of [`Counts::forms`].
+    pub(crate) fn new([point, affine, exact]: [u64; 3]) -> Self {
+        Self { point, affine, exact }
+    }
 }
 
 /// Milliseconds that it takes to read and write back 32 bytes for each of so many fragments, on all threads.

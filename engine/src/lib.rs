@@ -31,6 +31,7 @@ pub mod metrics;
 mod morton;
 pub mod observer;
 mod order;
+pub mod pick;
 mod raster;
 pub mod reference;
 pub mod render;
@@ -46,6 +47,7 @@ pub use cloud::{Cloud, CloudError, Harmonics, Material, OpacityFilter, Shapes, S
 pub use frame::{Channels, Frame};
 pub use metrics::{Metrics, MetricsError, Pixels, compare};
 pub use observer::{Counts, Observer, Stage};
+pub use pick::{Picked, Picker};
 pub use reference::{ReferenceKind, reference};
 pub use render::{Renderer, render};
 pub use scene::{Baseline, Blend, FootprintForm, Light, Order, RenderSettings, Scene};

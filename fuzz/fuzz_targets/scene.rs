@@ -8,7 +8,7 @@ mod check;
 mod description;
 #[path = "../../src/notation.rs"]
 mod notation;
-#[path = "../../src/scene_file.rs"]
+#[path = "../../src/scene_file/mod.rs"]
 mod scene_file;
 #[path = "../../src/transfer.rs"]
 mod transfer;

@@ -38,4 +38,4 @@ pub use point_cloud::{
     POINT_COVERAGE_FLOOR, PointCloud, PointColor, PointError, PointSettings, point_surfels,
 };
 pub use sample::{COVERAGE_FLOOR, Density, KERNEL_SIGMA, SamplerSettings, sample};
-pub use view::view_spacing;
+pub use view::{shown_spacing, view_spacing};

@@ -15,35 +15,48 @@ const INSIDE: f64 = 0.1;
 /// doesn't show count as if they were all in it. How many surfels that makes is capped by
 /// [`crate::SamplerSettings::max_surfels`].
 pub fn view_spacing(camera: &Camera, bounds: [DVec3; 2]) -> f64 {
-    let [low, high] = bounds;
-    let diagonal = (high - low).length();
-    let least = camera.near().max(INSIDE * diagonal);
-    if camera.projection() == Projection::Orthographic {
-        return camera.pixel_width_at(least);
-    }
-    let eye = camera.pose().eye();
-    let inside = eye.cmpge(low).all() && eye.cmple(high).all();
-    let in_picture = || nearest_depth(camera, bounds, &sides(camera));
-    let anywhere = || nearest_depth(camera, bounds, &[]);
-    let nearest = if inside { None } else { in_picture().or_else(anywhere).filter(|&z| z > 0.0) };
-    camera.pixel_width_at(nearest.unwrap_or(least))
+    shown_spacing(camera, bounds).unwrap_or_else(|| {
+        let nearest = nearest_depth(camera, bounds, &[]).filter(|&z| z > 0.0);
+        camera.pixel_width_at(nearest.unwrap_or(least_depth(camera, bounds)))
+    })
 }
 
-/// Inward normals, in camera space, of the planes through the eye that bound the picture.
-fn sides(camera: &Camera) -> [DVec3; 4] {
+/// As [`view_spacing`], but `None` where the picture doesn't show the bounds: of several places of one thing those count that
+/// it shows.
+pub fn shown_spacing(camera: &Camera, bounds: [DVec3; 2]) -> Option<f64> {
+    let [low, high] = bounds;
+    let eye = camera.pose().eye();
+    let inside = eye.cmpge(low).all() && eye.cmple(high).all();
+    if inside && camera.projection() == Projection::Perspective {
+        return Some(camera.pixel_width_at(least_depth(camera, bounds)));
+    }
+    let nearest = nearest_depth(camera, bounds, &sides(camera))?;
+    Some(camera.pixel_width_at(if nearest > 0.0 { nearest } else { least_depth(camera, bounds) }))
+}
+
+/// The nearest depth that counts for a camera inside the bounds.
+fn least_depth(camera: &Camera, [low, high]: [DVec3; 2]) -> f64 {
+    camera.near().max(INSIDE * (high - low).length())
+}
+
+/// The planes that bound the picture, in camera space: inward normals and offsets.
+fn sides(camera: &Camera) -> [(DVec3, f64); 4] {
     let (focal, center) = (camera.intrinsics().focal, camera.intrinsics().center);
     let [width, height] = camera.size().map(f64::from);
+    let side = |normal: DVec3, margin: f64| match camera.projection() {
+        Projection::Perspective => (normal + DVec3::Z * margin, 0.0),
+        Projection::Orthographic => (normal, margin),
+    };
     [
-        DVec3::new(focal.x, 0.0, center.x),
-        DVec3::new(-focal.x, 0.0, width - center.x),
-        DVec3::new(0.0, focal.y, center.y),
-        DVec3::new(0.0, -focal.y, height - center.y),
+        side(DVec3::X * focal.x, center.x),
+        side(DVec3::NEG_X * focal.x, width - center.x),
+        side(DVec3::Y * focal.y, center.y),
+        side(DVec3::NEG_Y * focal.y, height - center.y),
     ]
 }
 
-/// The smallest z of what is left of a box's faces behind the near plane and within some planes through the
-/// eye; `None` if nothing is.
-fn nearest_depth(camera: &Camera, bounds: [DVec3; 2], sides: &[DVec3]) -> Option<f64> {
+/// The smallest z of what is left of a box's faces behind the near plane and within some planes; `None` if nothing is.
+fn nearest_depth(camera: &Camera, bounds: [DVec3; 2], sides: &[(DVec3, f64)]) -> Option<f64> {
     let to_camera = camera.pose().world_to_camera;
     let face = |face: usize| {
         let (axis, side) = (face % 3, face / 3);
@@ -60,7 +73,7 @@ fn nearest_depth(camera: &Camera, bounds: [DVec3; 2], sides: &[DVec3]) -> Option
     (0..6)
         .flat_map(|index| {
             let polygon = clip(face(index), near);
-            sides.iter().fold(polygon, |polygon, side| clip(polygon, |p| p.dot(*side)))
+            sides.iter().fold(polygon, |polygon, (normal, offset)| clip(polygon, |p| p.dot(*normal) + offset))
         })
         .map(|p| p.z)
         .min_by(f64::total_cmp)

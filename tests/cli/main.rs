@@ -6,6 +6,8 @@ mod command_line;
 mod compare;
 mod convert;
 mod data;
+mod instances;
+mod pick;
 mod place;
 mod points;
 mod render;

@@ -102,6 +102,11 @@ fn statistics_are_one_json_object() {
     assert!(number("visible") > 0.0 && number("visible") <= number("splats"));
     assert!(number("fragments") >= number("visible") / 2.0);
     assert_eq!((number("threads"), number("late")), (2.0, 0.0));
+    // A whole cube, of which nothing stands for others.
+    let forms = ["point", "affine", "exact"].map(|form| stats["forms"][form].as_f64().unwrap());
+    assert!(forms.iter().sum::<f64>() <= number("visible"), "{out}");
+    assert_eq!((number("culled"), number("merged")), (0.0, 0.0));
+    assert!(number("occluded") < number("splats"));
     let stages = stats["stages_ms"].as_object().unwrap();
     let names = ["cull", "footprint", "order", "bin", "layers", "composite", "resolve"];
     assert!(stages.len() == names.len() && names.iter().all(|name| stages[*name].as_f64().unwrap() >= 0.0));
@@ -283,6 +288,7 @@ fn references_draw_what_the_rasterizer_draws() {
     let [stats, _] =
         place.run(&[&small[..], &["-o", "r1.png", "--reference", "r1", "--stats", "-"]].concat());
     let stats: Value = serde_json::from_str(&stats).unwrap();
+    assert!(["culled", "occluded", "merged", "forms"].iter().all(|key| stats[key].is_null()), "{stats}");
     assert!(stats["visible"].is_null() && stats["stages_ms"].as_object().unwrap().is_empty(), "{stats}");
     place.run(&[&small[..], &["-o", "r2.png", "--reference", "r2", "--samples", "16"]].concat());
     let psnr = |b: &str| -> f64 {

@@ -40,6 +40,7 @@ mod gaussian;
 mod harmonics;
 mod integral;
 mod layers;
+mod median;
 mod random;
 mod shading;
 mod splats;
@@ -60,6 +61,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use trace::{FirstSurface, Path, Tracer};
 use view::{pixel_rotation, pixel_samples};
 
+pub(crate) use median::{MOST_REACH, Median};
 pub use stochastic::{Estimate, stochastic};
 
 /// Which reference.

@@ -204,9 +204,21 @@ impl<'a> Setup<'a> {
         (center, columns)
     }
 
+    /// The cloud with a splat.
+    fn placed(&self, id: u32) -> &Placed<'a> {
+        &self.clouds[self.clouds.partition_point(|c| c.first_id <= id) - 1]
+    }
+
+    /// As [`Self::splat`], but not the backs of closed surfaces either, which [`Self::balls`] leaves out.
+    pub(super) fn seen_splat(&self, id: u32) -> Option<Splat<'a>> {
+        let placed = self.placed(id);
+        self.ball(placed, id - placed.first_id)?;
+        self.splat(id)
+    }
+
     /// The splat with an id, ready for rays; `None` where there is nothing to see of it.
     pub(super) fn splat(&self, id: u32) -> Option<Splat<'a>> {
-        let placed = &self.clouds[self.clouds.partition_point(|c| c.first_id <= id) - 1];
+        let placed = self.placed(id);
         let index = (id - placed.first_id) as usize;
         let splats = placed.cloud.columns();
         let (center, columns) = self.columns(placed, index);

@@ -19,6 +19,13 @@
 //! translate = [128, 60, 64]
 //! surfel-spacing = 0.5
 //!
+//! [[mesh]]                       # one thing in many places: read, sampled and kept once
+//! path = "tree.glb"
+//! instances = [                  # the table's own place first, then these
+//!     { translate = [1, 0, 0] },
+//!     { translate = [4, 0, 2], rotate = [0, 30, 0], scale = 1.5 },
+//! ]
+//!
 //! [[points]]                     # a point cloud; placed as meshes are
 //! path = "scan.laz"
 //! point-color = "intensity"      # rgb, intensity or height
@@ -37,21 +44,18 @@
 //! shade = true
 //! order = "slabs"
 //! slab-thickness = 1
+//! tolerance = "2/255"            # or a number
 //! ```
 
-use crate::check::{FARTHEST, Wrong, coordinates};
-use crate::description::{
-    ByteOrder, CameraOptions, Description, FileOptions, Kind, Look, PictureOptions, PointColors, Reference,
-    SampleKind, Source, Transfer,
-};
-use crate::notation::Rgba;
-use crate::transfer;
+mod tables;
+
+use crate::check::Wrong;
+use crate::description::{CameraOptions, Description, PictureOptions, Reference, Source};
 use anyhow::{Context, Result};
-use glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot};
-use oblate::engine::Light;
 use serde::Deserialize;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use tables::{LightTable, MeshTable, PointsTable, SourceTable, SplatsTable, VolumeTable};
 use toml::Spanned;
 
 /// The version of the format that this program reads.
@@ -73,80 +77,6 @@ struct File {
     #[serde(default)]
     light: Vec<Spanned<LightTable>>,
     render: Option<Spanned<PictureOptions>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "kebab-case")]
-struct MeshTable {
-    path: PathBuf,
-    translate: Option<[f64; 3]>,
-    rotate: Option<[f64; 3]>,
-    scale: Option<Scale>,
-    texture: Option<PathBuf>,
-    surfels: Option<usize>,
-    surfel_spacing: Option<f64>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "kebab-case")]
-struct VolumeTable {
-    path: PathBuf,
-    translate: Option<[f64; 3]>,
-    rotate: Option<[f64; 3]>,
-    scale: Option<Scale>,
-    dims: Option<[usize; 3]>,
-    #[serde(rename = "type")]
-    sample_type: Option<SampleKind>,
-    endian: Option<ByteOrder>,
-    spacing: Option<[f64; 3]>,
-    iso: Option<Vec<f32>>,
-    iso_color: Option<Rgba>,
-    transfer: Option<String>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "kebab-case")]
-struct PointsTable {
-    path: PathBuf,
-    translate: Option<[f64; 3]>,
-    rotate: Option<[f64; 3]>,
-    scale: Option<Scale>,
-    point_color: Option<PointColors>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SplatsTable {
-    path: PathBuf,
-    translate: Option<[f64; 3]>,
-    rotate: Option<[f64; 3]>,
-    scale: Option<Scale>,
-    level: Option<u32>,
-}
-
-#[derive(Clone, Copy, Deserialize)]
-#[serde(untagged, expecting = "`scale` is one number or three")]
-enum Scale {
-    Uniform(f64),
-    Axes([f64; 3]),
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct LightTable {
-    kind: LightKind,
-    towards: Option<[f64; 3]>,
-    position: Option<[f64; 3]>,
-    color: Option<Rgba>,
-    intensity: Option<f32>,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-enum LightKind {
-    Ambient,
-    Directional,
-    Point,
 }
 
 /// Reads a scene file. Paths in it are relative to it.
@@ -182,16 +112,16 @@ pub(crate) fn parse(text: &str, folder: &Path) -> Result<Description, Problem> {
 
     let mut sources = Vec::new();
     for table in file.volume {
-        sources.push(in_table(text, table, |t| t.source(folder))?);
+        sources.push(source(text, table, folder)?);
     }
     for table in file.mesh {
-        sources.push(in_table(text, table, |t| t.source(folder))?);
+        sources.push(source(text, table, folder)?);
     }
     for table in file.points {
-        sources.push(in_table(text, table, |t| t.source(folder))?);
+        sources.push(source(text, table, folder)?);
     }
     for table in file.splats {
-        sources.push(in_table(text, table, |t| t.source(folder))?);
+        sources.push(source(text, table, folder)?);
     }
     let camera = file.camera.map(|table| in_table(text, table, |t| t.check().map(|()| t)));
     let picture = file.render.map(|table| {
@@ -199,6 +129,7 @@ pub(crate) fn parse(text: &str, folder: &Path) -> Result<Description, Problem> {
             let samples = t.samples.is_none() || t.reference == Some(Reference::R2);
             check("samples", samples, || "is for reference = \"r2\"".into())?;
             check("slab-thickness", t.thickness_has_use(), || "is for order = \"slabs\"".into())?;
+            check("budget", t.budget_has_use(), || "is kept by level-of-detail = true".into())?;
             t.check().map(|()| t)
         })
     });
@@ -209,6 +140,25 @@ pub(crate) fn parse(text: &str, folder: &Path) -> Result<Description, Problem> {
         sources,
         lights: lights.collect::<Result<_, _>>()?,
     })
+}
+
+/// A table's source, in each of its places: the table's own place is where it stands among its instances.
+fn source<T: SourceTable>(text: &str, mut table: Spanned<T>, folder: &Path) -> Result<Source, Problem> {
+    let instances = table.get_mut().instances();
+    let mut source = in_table(text, table, |t| t.source(folder))?;
+    let Some(instances) = instances else { return Ok(source) };
+    let span = instances.span();
+    let instances = instances.into_inner();
+    if instances.is_empty() {
+        let message = "instances is empty; it must list one place or more, such as { translate = [1, 0, 0] }";
+        return Err(Problem { message: message.into(), span: Some(span) });
+    }
+    let own = std::mem::take(&mut source.places);
+    for instance in instances {
+        let outer = in_table(text, instance, |t| t.placement())?;
+        source.places.extend(own.iter().map(|inner| outer * *inner));
+    }
+    Ok(source)
 }
 
 /// Checks or converts a table; what is wrong gets the place of its key.
@@ -256,125 +206,11 @@ fn place(text: &str, span: Range<usize>) -> String {
     format!(", line {line}, column {column} (`{source}`)")
 }
 
-impl MeshTable {
-    fn source(self, folder: &Path) -> Result<Source, Wrong> {
-        let look = Look { surfels: self.surfels, surfel_spacing: self.surfel_spacing, ..Look::default() };
-        look.check()?;
-        Ok(Source {
-            path: folder.join(self.path),
-            kind: Some(Kind::Mesh),
-            placement: placement(self.translate, self.rotate, self.scale)?,
-            file: FileOptions {
-                texture: self.texture.map(|path| folder.join(path)),
-                ..FileOptions::default()
-            },
-            look,
-        })
-    }
-}
-
-impl VolumeTable {
-    fn source(self, folder: &Path) -> Result<Source, Wrong> {
-        // What is no preset is a file beside this one.
-        let transfer = self.transfer.map(|name| {
-            let beside = |name| folder.join(name).to_string_lossy().into_owned();
-            Transfer::Named(if transfer::is_preset(&name) { name } else { beside(name) })
-        });
-        let file = FileOptions {
-            dims: self.dims,
-            sample_type: self.sample_type,
-            endian: self.endian,
-            spacing: self.spacing,
-            ..FileOptions::default()
-        };
-        file.check()?;
-        let look = Look { iso: self.iso, iso_color: self.iso_color, transfer, ..Look::default() };
-        look.check()?;
-        Ok(Source {
-            path: folder.join(self.path),
-            kind: Some(Kind::Volume),
-            placement: placement(self.translate, self.rotate, self.scale)?,
-            file,
-            look,
-        })
-    }
-}
-
-impl PointsTable {
-    fn source(self, folder: &Path) -> Result<Source, Wrong> {
-        Ok(Source {
-            kind: Some(Kind::Points),
-            placement: placement(self.translate, self.rotate, self.scale)?,
-            look: Look { point_color: self.point_color, ..Look::default() },
-            ..Source::new(folder.join(self.path))
-        })
-    }
-}
-
-impl SplatsTable {
-    fn source(self, folder: &Path) -> Result<Source, Wrong> {
-        Ok(Source {
-            kind: Some(Kind::Splats),
-            placement: placement(self.translate, self.rotate, self.scale)?,
-            file: FileOptions { level: self.level, ..FileOptions::default() },
-            ..Source::new(folder.join(self.path))
-        })
-    }
-}
-
-/// Scales, then rotates about x, y, z in that order, then translates.
-fn placement(
-    translate: Option<[f64; 3]>,
-    rotate_degrees: Option<[f64; 3]>,
-    scale: Option<Scale>,
-) -> Result<DAffine3, Wrong> {
-    coordinates("translate", translate)?;
-    coordinates("rotate", rotate_degrees)?;
-    let scale = match scale.unwrap_or(Scale::Uniform(1.0)) {
-        Scale::Uniform(s) => DVec3::splat(s),
-        Scale::Axes(axes) => DVec3::from(axes),
-    };
-    let range = 1.0 / FARTHEST..=FARTHEST;
-    check("scale", scale.to_array().iter().all(|s| range.contains(s)), || {
-        format!("is {scale}; it must be above 0, from {:e} to {FARTHEST:e}", 1.0 / FARTHEST)
-    })?;
-    let [x, y, z] = rotate_degrees.unwrap_or_default().map(f64::to_radians);
-    let rotation = DMat3::from_quat(DQuat::from_euler(EulerRot::ZYX, z, y, x));
-    Ok(DAffine3::from_mat3_translation(
-        rotation * DMat3::from_diagonal(scale),
-        DVec3::from(translate.unwrap_or_default()),
-    ))
-}
-
-impl LightTable {
-    fn light(self) -> Result<Light, Wrong> {
-        let intensity = self.intensity.unwrap_or(1.0);
-        check("intensity", (0.0..=1e15).contains(&intensity), || {
-            format!("is {intensity}; it must be at least 0 and at most 1e15")
-        })?;
-        let [r, g, b, _] = self.color.map_or([1.0; 4], |c| c.0).map(|c| c * intensity);
-        let color = [r, g, b];
-        coordinates("towards", self.towards)?;
-        coordinates("position", self.position)?;
-        let kind = |problem: &str| Err(Wrong { key: "kind", problem: problem.into() });
-        match (self.kind, self.towards, self.position) {
-            (LightKind::Ambient, None, None) => Ok(Light::Ambient { color }),
-            (LightKind::Directional, Some(towards), None) => {
-                check("towards", towards != [0.0; 3], || "must not be zero".into())?;
-                Ok(Light::Directional { towards: towards.into(), color })
-            }
-            (LightKind::Point, None, Some(position)) => Ok(Light::Point { position: position.into(), color }),
-            (LightKind::Ambient, ..) => kind("ambient has neither `towards` nor `position`"),
-            (LightKind::Directional, ..) => kind("directional needs `towards`, and only that"),
-            (LightKind::Point, ..) => kind("point needs `position`, and only that"),
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use oblate::engine::Order;
+    use glam::DVec3;
+    use oblate::engine::{Light, Order};
 
     fn problem(text: &str) -> String {
         let Err(problem) = parse(text, Path::new("folder")) else { panic!("{text} passed") };
@@ -396,9 +232,37 @@ mod tests {
         let mesh = &scene.sources[1];
         assert_eq!(mesh.path, Path::new("folder/a.glb"));
         // x is scaled to 2, turned to y, moved along x.
-        let moved = mesh.placement.transform_point3(DVec3::X);
+        let moved = mesh.places[0].transform_point3(DVec3::X);
         assert!((moved - DVec3::new(10.0, 2.0, 0.0)).length() < 1e-12, "{moved}");
         assert_eq!(scene.lights, [Light::Ambient { color: [0.5; 3] }]);
+    }
+
+    #[test]
+    fn instances_stand_outside_of_the_own_place() {
+        let text = "version = 1\n[[splats]]\npath = 'a.ply'\nscale = 2\ntranslate = [1, 0, 0]\ninstances = [\n\
+                    { translate = [0, 0, 5] }, { scale = 3, rotate = [0, 0, 90] },\n {} ]\n\
+                    [[mesh]]\npath = 'b.obj'\n[[mesh.instances]]\nscale = 4\n[[mesh.instances]]\n";
+        let scene = parse(text, Path::new("")).map_err(|p| p.message).unwrap();
+        let [mesh, splats] = &scene.sources[..] else { panic!("{:?}", scene.sources) };
+        let moved = splats.places.iter().map(|place| place.transform_point3(DVec3::X));
+        let wanted = [DVec3::new(3.0, 0.0, 5.0), DVec3::new(0.0, 9.0, 0.0), DVec3::new(3.0, 0.0, 0.0)];
+        assert_eq!(splats.places.len(), wanted.len());
+        for (moved, wanted) in moved.zip(wanted) {
+            assert!((moved - wanted).length() < 1e-12, "{moved} for {wanted}");
+        }
+        assert_eq!(mesh.places.len(), 2);
+        assert_eq!(mesh.places[0].transform_point3(DVec3::X), DVec3::X * 4.0);
+
+        let table = "version = 1\n[[mesh]]\npath = 'a'\ntranslate = [0, 0, 0]\n";
+        let wrong = problem(&format!("{table}instances = [\n  {{}},\n  {{ scale = 0 }},\n]\n"));
+        assert!(wrong.contains("line 7, column 3") && wrong.contains("above 0"), "{wrong}");
+        let wrong = problem(&format!("{table}instances = [{{ translate = [nan, 0, 0] }}]\n"));
+        assert!(wrong.contains("line 5") && wrong.contains("translate"), "{wrong}");
+        let wrong = problem(&format!("{table}instances = [{{ position = [1, 0, 0] }}]\n"));
+        assert!(wrong.contains("line 5") && wrong.contains("position"), "{wrong}");
+        assert!(problem(&format!("{table}instances = []\n")).contains("line 5, column 13"));
+        let wrong = problem(&format!("{table}[[mesh.instances]]\nscale = -1\n"));
+        assert!(wrong.contains("line 6") && wrong.contains("above 0"), "{wrong}");
     }
 
     #[test]
