@@ -1,6 +1,7 @@
 //! What the benchmarks draw: a table of works, each a scene and the frames that are made of it.
 
 mod gaussians;
+mod hidden;
 mod random;
 pub(crate) mod surfels;
 pub(crate) mod volumes;
@@ -50,7 +51,8 @@ impl Work {
     }
 }
 
-/// All of them. T1 is a volume, T2 an iso-surface, T3 trained splats, T4 opaque surfels; Y03 are the frames of Yuan,
+/// All of them. T1 is a volume, T2 an iso-surface, T3 trained splats, T4 opaque surfels, hidden what lies mostly behind other
+/// surfels, with and without occlusion; Y03 are the frames of Yuan,
 /// Chen et al., *Hybrid Forward Resampling and Volume Rendering*, 2003, figure 9: their voxels, in looks of ours.
 pub(crate) fn works() -> Vec<Work> {
     let shaded = RenderSettings {
@@ -74,6 +76,10 @@ pub(crate) fn works() -> Vec<Work> {
             frame("per pixel", trained_camera(), ordered(Order::PerPixel)),
             frame("slabs 2", trained_camera(), ordered(Order::Slabs { thickness: 2.0 })),
         ]
+    };
+    let hides = |camera| {
+        let all = RenderSettings { occlusion: false, ..shaded };
+        vec![frame("occlusion", camera, shaded), frame("all", camera, all)]
     };
     let surfels = || vec![frame("1024", surfel_camera(), shaded)];
     vec![
@@ -99,6 +105,9 @@ pub(crate) fn works() -> Vec<Work> {
         Work::new("T3 extinction", trained_extinction, forms()),
         Work::new("T4 1 M", || unlit(surfels::torus_and_sphere(1_000_000)), surfels()),
         Work::new("T4 5 M", || unlit(surfels::torus_and_sphere(5_000_000)), surfels()),
+        Work::new("hidden spheres", || clouds(hidden::nested_spheres()), hides(spheres_camera())),
+        Work::new("hidden room", || clouds(hidden::room_of_armadillos()), hides(room_camera()))
+            .of(hidden::ARMADILLO),
         Work::new("Y03 engine", || lit(vec![kernels(&volume(ENGINE), ENGINE_FROM_71)]), y03(ENGINE_EXTENT))
             .of(ENGINE),
         Work::new(
@@ -139,6 +148,14 @@ fn trained_camera() -> Camera {
     camera(DVec3::new(2.6, -2.6, -5.2), DVec3::new(0.0, -0.6, 0.0), -DVec3::Y, 1024)
 }
 
+fn spheres_camera() -> Camera {
+    camera(DVec3::new(0.0, 0.5, -4.2), DVec3::ZERO, DVec3::Y, 1024)
+}
+
+fn room_camera() -> Camera {
+    camera(DVec3::new(0.1, 0.15, -1.2), DVec3::new(0.1, 0.0, 2.0), DVec3::Y, 1024)
+}
+
 fn surfel_camera() -> Camera {
     camera(DVec3::new(3.0, -3.6, 2.6), DVec3::new(0.0, 0.0, 0.2), DVec3::Z, 1024)
 }
@@ -151,6 +168,10 @@ fn lit(clouds: Vec<Cloud>) -> Scene {
 /// Under the light of scenes without any.
 fn unlit(cloud: Cloud) -> Scene {
     Scene { clouds: vec![cloud], lights: Vec::new() }
+}
+
+fn clouds(clouds: Vec<Cloud>) -> Scene {
+    Scene { clouds, lights: Vec::new() }
 }
 
 fn engine_with_surface() -> Scene {

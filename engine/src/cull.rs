@@ -34,6 +34,9 @@ pub(crate) struct VisibleRange {
     /// The same in camera space, and how far the kernels reach from there.
     pub(crate) center_in_camera: DVec3,
     pub(crate) reach: f64,
+    /// How far their centres are from there, and the largest σ, in camera space.
+    pub(crate) radius: f64,
+    pub(crate) sigma: f64,
     /// Their distances from the eye, or z where rays are parallel: at least and at most.
     pub(crate) distances: [f32; 2],
     /// Whether the cloud is a surface.
@@ -61,6 +64,8 @@ impl VisibleRange {
             center,
             center_in_camera: DVec3::ZERO,
             reach: f64::INFINITY,
+            radius: f64::INFINITY,
+            sigma: f64::INFINITY,
             distances: [0.0, f32::INFINITY],
             is_surface,
         }
@@ -296,6 +301,8 @@ impl Search<'_> {
             center: cluster.center,
             center_in_camera: center,
             reach,
+            radius,
+            sigma: self.stretch * f64::from(cluster.largest_sigma),
             distances: [least as f32, (distance + radius) as f32],
             is_surface: matches!(self.cloud.columns().kind, Kind::Surface(_)),
         });

@@ -52,11 +52,19 @@ pub(crate) struct BlockCuts {
     pub(crate) hidden: f32,
     /// Segments that anything is seen of.
     pub(crate) segments: usize,
+    /// Where the last layer ends that anything is seen of: samples whose spans begin behind it change nothing.
+    pub(crate) ends: f32,
 }
 
 impl BlockCuts {
-    const OPEN: Self =
-        Self { first: 0, layers: 0, nearest: f32::INFINITY, hidden: f32::INFINITY, segments: 1 };
+    const OPEN: Self = Self {
+        first: 0,
+        layers: 0,
+        nearest: f32::INFINITY,
+        hidden: f32::INFINITY,
+        segments: 1,
+        ends: f32::INFINITY,
+    };
 }
 
 /// The cuts of a tile's pixels, near to far.
@@ -104,6 +112,11 @@ impl Cuts {
     /// Behind this depth nothing is seen in the tile.
     pub(crate) fn hidden(&self) -> f32 {
         self.hidden
+    }
+
+    /// Says where the last layer of a block ends that anything is seen of; ∞ where there is none such.
+    pub(crate) fn end(&mut self, block: usize, depth: f32) {
+        self.blocks[block].ends = depth;
     }
 
     /// Adds a layer behind those that a block has. Blocks come one after the other.

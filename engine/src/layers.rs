@@ -27,6 +27,8 @@ struct Peel<S: Simd> {
     record: u32x16<S>,
     /// The limit of the layer before.
     previous: W<S>,
+    /// The limit of the layer behind which nothing is seen; ∞ before there is one, −∞ beside the picture.
+    end: W<S>,
 }
 
 /// Sums over the samples of a layer.
@@ -230,7 +232,8 @@ impl LayerBuilder<'_> {
         let infinity = W::simd_from(simd, f32::INFINITY);
         let wanted = tile.inside(simd, block).select(infinity, -infinity);
         let no_record = u32x16::simd_from(simd, Cut::NO_RECORD);
-        let mut peel = Peel { depth: wanted, limit: wanted, record: no_record, previous: -infinity };
+        let mut peel =
+            Peel { depth: wanted, limit: wanted, record: no_record, previous: -infinity, end: wanted };
         let mut seen_through =
             SeenThrough { bare: W::simd_from(simd, 1.0), covered: W::simd_from(simd, 0.0) };
         let mut evaluated = 0;
@@ -267,6 +270,7 @@ impl LayerBuilder<'_> {
                 break;
             }
         }
+        cuts.end(block, peel.end.reduce_max());
         evaluated
     }
 
@@ -407,6 +411,7 @@ impl LayerBuilder<'_> {
         }
         cut.record = found.select(peel.record, no_record).into();
         let goes_on = found & seen.simd_gt(W::simd_from(simd, self.spent));
+        peel.end = (found & !goes_on).select(peel.limit, peel.end);
         peel.previous = peel.limit;
         peel.depth = goes_on.select(infinity, -infinity);
         peel.limit = peel.depth;

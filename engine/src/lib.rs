@@ -30,6 +30,7 @@ mod levels;
 pub mod metrics;
 mod morton;
 pub mod observer;
+mod occlusion;
 mod order;
 pub mod pick;
 mod raster;

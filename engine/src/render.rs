@@ -1,4 +1,5 @@
-//! The main path: cull ► footprint ► order ► bin ► (raster ► layers ► composite ► resolve) for each tile.
+//! The main path: cull ► footprint ► order ► bin ► (raster ► layers ► composite ► resolve) for each tile; again for what was
+//! wrongly left out as hidden (`occlusion`), most often not at all.
 
 use crate::bin::TileLists;
 use crate::camera::Camera;
@@ -10,6 +11,7 @@ use crate::footprint::{Lens, Records, SceneView};
 use crate::frame::{Channels, Frame, FrameRows};
 use crate::layers::{LayerBuffers, LayerBuilder, depth_tolerances};
 use crate::observer::{Counts, Observer, Stage};
+use crate::occlusion::{Looked, Occlusion, Visible};
 use crate::order::{Keys, Sorter, gather};
 use crate::raster::{KernelLens, Surfaces, SurfelLens};
 use crate::resolve::Resolver;
@@ -43,6 +45,7 @@ pub struct Renderer {
     level: Level,
     tile_side: usize,
     visible: [Vec<VisibleRange>; 2],
+    occlusion: Occlusion,
     shaders: Vec<Shader>,
     depth_tolerances: Vec<f32>,
     surfaces: Drawn,
@@ -50,6 +53,8 @@ pub struct Renderer {
     scratch: Vec<AtomicU64>,
     sorter: Sorter,
     threads: Vec<Mutex<TileBuffers>>,
+    /// Of each tile: pixels that were evaluated, and those where kernels came late.
+    counts: Vec<[AtomicU64; 2]>,
     frame: Frame,
 }
 
@@ -57,6 +62,10 @@ pub struct Renderer {
 #[derive(Default)]
 struct Drawn {
     records: Records,
+    /// For each run of records its range's place among the visible ones.
+    ranks: Vec<u32>,
+    /// Distances, of which sorting makes the order, where more records may come.
+    order: Vec<AtomicU32>,
     lists: TileLists,
 }
 
@@ -92,6 +101,7 @@ impl Renderer {
             level,
             tile_side,
             visible: [Vec::new(), Vec::new()],
+            occlusion: Occlusion::default(),
             shaders: Vec::new(),
             depth_tolerances: Vec::new(),
             surfaces: Drawn::default(),
@@ -99,6 +109,7 @@ impl Renderer {
             scratch: Vec::new(),
             sorter: Sorter::default(),
             threads: Vec::new(),
+            counts: Vec::new(),
             frame: Frame::default(),
         }
     }
@@ -118,23 +129,41 @@ impl Renderer {
         let splats = scene.validate()?;
         let culled = watched(observer, Stage::Cull, || self.cull(scene, camera, settings));
         let closing = Closing::new(scene, camera, settings, &self.visible[1])?;
-        watched(observer, Stage::Footprint, || self.project(scene, camera, (settings, closing)));
-        self.surfaces.list_by_cluster(observer, (camera.size(), self.tile_side), &mut self.scratch);
-        self.volumes.list_by_distance(
-            (observer, closing),
-            (camera.size(), self.tile_side),
-            (&mut self.sorter, &mut self.scratch),
-        );
-        let [fragments, late] = self.draw(camera, (settings, closing), observer);
-        let [mut visible, mut merged] = [0; 2];
-        for (drawn, ranges) in [&self.surfaces, &self.volumes].into_iter().zip(&self.visible) {
-            for (run, range) in drawn.records.runs.iter().zip(ranges) {
-                visible += run.len as u64;
-                merged += if range.level > 0 { run.len as u64 } else { 0 };
+        let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
+        let (occlusion, side) = (&mut self.occlusion, self.tile_side);
+        watched(observer, Stage::Cull, || occlusion.begin(visible, side));
+        self.prepare(scene, camera, settings);
+        loop {
+            watched(observer, Stage::Footprint, || self.project(scene, camera, (settings, closing)));
+            let size = (camera.size(), self.tile_side);
+            if self.occlusion.is_new(0) {
+                self.surfaces.list_by_cluster(observer, size, &mut self.scratch);
+            }
+            if self.occlusion.is_new(1) {
+                let is_last = !self.occlusion.leaves_out(1);
+                let buffers = (&mut self.sorter, &mut self.scratch);
+                self.volumes.list_by_distance((observer, closing, is_last), size, buffers);
+            }
+            self.draw(camera, (settings, closing), observer);
+            let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
+            let occlusion = &mut self.occlusion;
+            if !watched(observer, Stage::Cull, || occlusion.find_missing(visible)) {
+                break;
             }
         }
-        let splats = splats as u64;
-        observer.counts(Counts { splats, culled, visible, merged, fragments, late, ..Counts::default() });
+        let sum = |i: usize| self.counts.iter().map(|counts| counts[i].load(Relaxed)).sum();
+        let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
+        let drawn = [&self.surfaces, &self.volumes].into_iter().zip(&self.visible);
+        observer.counts(Counts {
+            splats: splats as u64,
+            culled,
+            occluded: self.occlusion.count(visible),
+            visible: (self.surfaces.records.len() + self.volumes.records.len()) as u64,
+            merged: drawn.map(|(drawn, ranges)| drawn.merged(ranges)).sum(),
+            fragments: sum(0),
+            late: sum(1),
+            ..Counts::default()
+        });
         Ok(&self.frame)
     }
 
@@ -154,25 +183,36 @@ impl Renderer {
         culled
     }
 
-    fn project(&mut self, scene: &Scene, camera: &Camera, (settings, closing): (&RenderSettings, Closing)) {
+    /// Readies what the rounds of a frame share.
+    fn prepare(&mut self, scene: &Scene, camera: &Camera, settings: &RenderSettings) {
         self.shaders.clear();
         self.shaders.extend(scene.clouds.iter().map(|cloud| Shader::new(scene, camera, cloud.material())));
         self.depth_tolerances.clear();
         self.depth_tolerances.extend(depth_tolerances(&scene.clouds));
-        let view = SceneView { scene, camera, settings, shaders: &self.shaders, closing, level: self.level };
-        let [surfaces, volumes] = &self.visible;
-        self.surfaces.records.project(&view, surfaces);
-        self.volumes.records.project(&view, volumes);
+        self.surfaces.clear();
+        self.volumes.clear();
+        self.frame.resize(camera.size().map(|length| length as usize), settings.channels);
+        self.counts.clear();
+        self.counts.resize_with(self.occlusion.changed().len(), Default::default);
     }
 
-    /// Draws the tiles; gives the numbers of pixels that were evaluated, and where kernels came late.
+    /// Projects what is new in a round.
+    fn project(&mut self, scene: &Scene, camera: &Camera, (settings, closing): (&RenderSettings, Closing)) {
+        let view = SceneView { scene, camera, settings, shaders: &self.shaders, closing, level: self.level };
+        for (kind, drawn) in [&mut self.surfaces, &mut self.volumes].into_iter().enumerate() {
+            drawn.append(&view, &self.visible[kind], self.occlusion.next(kind));
+        }
+    }
+
+    /// Draws the tiles that changed.
     fn draw(
         &mut self,
         camera: &Camera,
         (settings, closing): (&RenderSettings, Closing),
         observer: &dyn Observer,
-    ) -> [u64; 2] {
-        let Self { surfaces, volumes, shaders, depth_tolerances, level, tile_side: side, .. } = self;
+    ) {
+        let Self { surfaces, volumes, occlusion, counts, .. } = self;
+        let Self { shaders, depth_tolerances, level, tile_side: side, .. } = self;
         let picture = camera.size().map(|length| length as usize);
         let [columns, rows] = picture.map(|length| length.div_ceil(*side));
         let lens = Lens::new(camera, settings.low_pass);
@@ -208,14 +248,14 @@ impl Renderer {
                 lens,
                 camera_to_world: camera.pose().world_to_camera.matrix3.transpose(),
             },
+            looked: occlusion.looked(),
             observer,
             level: *level,
         };
-        self.frame.resize(picture, settings.channels);
         let bands: Vec<Mutex<FrameRows>> = self.frame.bands(*side).map(Mutex::new).collect();
         let threads = rayon::current_num_threads().max(1);
         self.threads.resize_with(threads.max(self.threads.len()), || Mutex::new(TileBuffers::new()));
-        let (next, counts) = (AtomicUsize::new(0), [0; 2].map(AtomicUsize::new));
+        let next = AtomicUsize::new(0);
         self.threads[..threads].par_iter().with_max_len(1).for_each(|buffers| {
             let mut buffers = buffers.lock().unwrap_or_else(PoisonError::into_inner);
             loop {
@@ -223,19 +263,44 @@ impl Renderer {
                 if index >= columns * rows {
                     break;
                 }
+                if !occlusion.changed()[index] {
+                    continue;
+                }
                 let tile = Tile::new([index % columns, index / columns], *side, picture);
                 let lists = [surfaces.lists.tile(index), volumes.lists.tile(index)];
                 let band = &bands[index / columns];
-                for (sum, own) in counts.iter().zip(drawer.draw((tile, lists), &mut buffers, band)) {
-                    sum.fetch_add(own as usize, Relaxed);
+                for (sum, own) in counts[index].iter().zip(drawer.draw((tile, lists), &mut buffers, band)) {
+                    sum.store(own, Relaxed);
                 }
             }
         });
-        counts.map(|count| count.into_inner() as u64)
     }
 }
 
 impl Drawn {
+    fn clear(&mut self) {
+        self.records.clear();
+        self.ranks.clear();
+    }
+
+    /// Projects those of the visible ranges that are `chosen`, and keeps all in the order of the ranges.
+    fn append(&mut self, view: &SceneView, visible: &[VisibleRange], chosen: &[u32]) {
+        let is_first = self.ranks.is_empty();
+        self.records.append(view, visible, chosen);
+        self.ranks.extend(chosen);
+        if !is_first && !chosen.is_empty() {
+            let mut runs: Vec<_> = self.ranks.drain(..).zip(self.records.runs.drain(..)).collect();
+            runs.sort_unstable_by_key(|(rank, _)| *rank);
+            (self.ranks, self.records.runs) = runs.into_iter().unzip();
+        }
+    }
+
+    /// How many of the records are of splats that stand for others.
+    fn merged(&self, visible: &[VisibleRange]) -> u64 {
+        let runs = self.ranks.iter().zip(&self.records.runs);
+        runs.filter(|(rank, _)| visible[**rank as usize].level > 0).map(|(_, run)| run.len as u64).sum()
+    }
+
     /// Lists records by clusters, which come from near to far.
     fn list_by_cluster(
         &mut self,
@@ -251,12 +316,23 @@ impl Drawn {
     /// Lists records by their distance, or by their first slab.
     fn list_by_distance(
         &mut self,
-        (observer, closing): (&dyn Observer, Closing),
+        (observer, closing, is_last): (&dyn Observer, Closing, bool),
         size: ([u32; 2], usize),
         (sorter, scratch): (&mut Sorter, &mut Vec<AtomicU64>),
     ) {
         let Records { distances, runs, rects, .. } = &self.records;
         scratch.resize_with(self.records.len().max(scratch.len()), AtomicU64::default);
+        let distances = if is_last {
+            distances
+        } else {
+            self.order.resize_with(distances.len().max(self.order.len()), AtomicU32::default);
+            for run in runs {
+                for place in run.start..run.start + run.len {
+                    self.order[place].store(distances[place].load(Relaxed), Relaxed);
+                }
+            }
+            &self.order
+        };
         let keys = if closing.has_slabs() { Keys::OF_NUMBERS } else { Keys::of(runs) };
         let order = watched(observer, Stage::Order, || sorter.sort((runs, keys), distances, scratch));
         watched(observer, Stage::Bin, || self.lists.fill(size, order, rects, scratch));
@@ -286,6 +362,7 @@ struct TileDrawer<'a> {
     layers: LayerBuilder<'a>,
     compositor: Compositor<'a>,
     resolver: Resolver<'a>,
+    looked: &'a Looked,
     observer: &'a dyn Observer,
     level: Level,
 }
@@ -299,7 +376,7 @@ impl TileDrawer<'_> {
         buffers: &mut TileBuffers,
         band: &Mutex<FrameRows>,
     ) -> [u64; 2] {
-        let Self { layers: builder, compositor, resolver, observer, level } = self;
+        let Self { layers: builder, compositor, resolver, looked, observer, level } = self;
         let TileBuffers { layers, cuts, kernels, runs } = buffers;
         let mut counts = [0; 2];
         counts[0] = watched(
@@ -316,6 +393,8 @@ impl TileDrawer<'_> {
             );
             counts = [counts[0] + count, late];
         }
+        let reached = if has_runs { runs.reached } else { f32::INFINITY };
+        looked.store(tile, cuts, reached);
         watched(*observer, Stage::Resolve, || {
             let mut rows = band.lock().unwrap_or_else(PoisonError::into_inner);
             let runs = has_runs.then_some(&*runs);

@@ -16,6 +16,7 @@ mod window;
 use seen::Through;
 pub(crate) use seen::{Runs, Seeing, Seen};
 
+use crate::camera::Projection;
 use crate::closing::Closing;
 use crate::cuts::Cuts;
 use crate::footprint::{Record, Rect};
@@ -24,10 +25,11 @@ use crate::simd::*;
 use crate::tile::{MAX_BLOCKS, PIXELS, Tile, pixels};
 use centers::Centers;
 use coming::Coming;
+use glam::DVec2;
 use opening::{Fragment, Opening, Plain};
 use shares::Shares;
 use slabs::Slabbed;
-use std::sync::atomic::AtomicU32;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use sums::OpenSlabs;
 use window::{Window, Windowed};
 
@@ -151,6 +153,11 @@ impl Compositor<'_> {
                 open &= !(u64::from(!is_open) << here.block);
             }
         }
+        if let Some(next) = list.as_slice().first().filter(|_| open == 0) {
+            // Lists that go on in another way from here on are the same until here, batch by batch.
+            let records = coming.records.iter().copied().chain([next.load(Relaxed)]);
+            runs.reached = records.map(|record| self.reach(record)).fold(0.0, f32::max);
+        }
         if O::KEEPS_OPEN {
             for block in tile.visible_blocks() {
                 let mut through = Through::all(simd);
@@ -171,6 +178,21 @@ impl Compositor<'_> {
             }
         }
         count * PIXELS as u64
+    }
+
+    /// The least distance of a kernel that comes after a record whatever else is listed.
+    fn reach(&self, record: u32) -> f32 {
+        let Record { mean, depth, amplitude_slope_or_slabs: [slab, _], .. } = self.records[record as usize];
+        match &self.lens.closing {
+            Closing::Slabs(slabs) => slabs.begin(slab as u32 + 1),
+            Closing::Sheets(_) => f32::INFINITY,
+            Closing::Centers | Closing::PerPixel => {
+                let lens = &self.lens.lens;
+                let place = lens.position(DVec2::from_array(mean.map(f64::from)), f64::from(depth));
+                let is_perspective = lens.projection == Projection::Perspective;
+                if is_perspective { place.length() as f32 } else { depth }
+            }
+        }
     }
 
     /// Brings records together.

@@ -34,16 +34,19 @@ impl Seen {
 /// The runs of a tile: for each segment between cuts, near to far, its blocks.
 pub(crate) struct Runs {
     pub(super) segments: Vec<Vec<Seen>>,
+    /// The distance from which on kernels make no difference, for nothing is seen through those before; ∞ if there is none.
+    pub(crate) reached: f32,
 }
 
 impl Runs {
     pub(crate) fn new() -> Self {
-        Self { segments: Vec::new() }
+        Self { segments: Vec::new(), reached: f32::INFINITY }
     }
 
     /// Clears as many segments as the cuts make.
     #[inline(always)]
     pub(super) fn clear<S: Simd>(&mut self, simd: S, tile: Tile, segments: usize) {
+        self.reached = f32::INFINITY;
         self.segments.resize_with(segments.max(self.segments.len()), Vec::new);
         for blocks in &mut self.segments[..segments] {
             blocks.clear();

@@ -104,25 +104,32 @@ impl Records {
         self.runs.iter().map(|run| run.len).sum()
     }
 
-    /// Projects ranges of a scene's splats; `level` says with which instructions.
-    pub(crate) fn project(&mut self, view: &SceneView, ranges: &[VisibleRange]) {
-        let places = ranges.len() * CLUSTER_SIZE;
+    /// Forgets all records.
+    pub(crate) fn clear(&mut self) {
+        self.runs.clear();
+    }
+
+    /// Projects those of a scene's ranges that are `chosen`, behind what there is; runs come in the same order.
+    pub(crate) fn append(&mut self, view: &SceneView, ranges: &[VisibleRange], chosen: &[u32]) {
+        let begin = self.runs.len();
+        let count = begin + chosen.len();
+        let places = count * CLUSTER_SIZE;
         // Volumes have no samples: one place a range is as good as none.
         let samples_a_range = if ranges.iter().any(|range| range.is_surface) { CLUSTER_SIZE } else { 1 };
-        let samples = ranges.len() * samples_a_range;
+        let samples = count * samples_a_range;
         self.records.resize(places.max(self.records.len()), Record::BLANK);
         self.rects.resize(places.max(self.rects.len()), Rect::default());
         self.distances.resize_with(places.max(self.distances.len()), AtomicU32::default);
         self.samples.resize(samples.max(self.samples.len()), SurfaceSample::default());
-        self.runs.clear();
-        self.runs.extend((0..ranges.len()).map(|number| Run::new(number * CLUSTER_SIZE)));
-        let records = self.records.as_chunks_mut().0.par_iter_mut();
-        let rects = self.rects.as_chunks_mut().0.par_iter_mut();
-        let distances = self.distances.as_chunks_mut().0.par_iter_mut();
-        let samples = self.samples.par_chunks_mut(samples_a_range);
+        self.runs.extend((begin..count).map(|number| Run::new(number * CLUSTER_SIZE)));
+        let records = self.records.as_chunks_mut().0[begin..].par_iter_mut();
+        let rects = self.rects.as_chunks_mut().0[begin..].par_iter_mut();
+        let distances = self.distances.as_chunks_mut().0[begin..].par_iter_mut();
+        let samples = self.samples[begin * samples_a_range..].par_chunks_mut(samples_a_range);
         let places = records.zip(rects).zip(distances).zip(samples);
-        ranges.par_iter().zip(&mut self.runs).zip(places).for_each(
+        chosen.par_iter().zip(&mut self.runs[begin..]).zip(places).for_each(
             |((range, run), (((records, rects), distances), samples))| {
+                let range = &ranges[*range as usize];
                 let mut places = Places { records, rects, distances, samples, run };
                 let projector = view.projector(range);
                 WideProjector::new(&projector).project(view.level, range, &mut places);

@@ -21,6 +21,9 @@ const TAYLOR: [f32; 3] = [1.0, 0.0, 0.0];
 /// Beyond this many σ_z a kernel has 6e-5 of its mass, which counts as none.
 const REACH: f32 = NORMAL_END;
 
+/// Kernels are taken to reach as many σ_z from their densest point, at most.
+pub(crate) const KERNEL_REACH: f64 = 1.25 * REACH as f64;
+
 /// What volume records share.
 pub(crate) struct KernelLens {
     pub(crate) lens: Lens,

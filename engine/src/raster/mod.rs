@@ -9,7 +9,7 @@ mod outline;
 mod slabs;
 mod surfel;
 
-pub(crate) use kernel::{Fragments, KernelLens, Kernels};
+pub(crate) use kernel::{Fragments, KERNEL_REACH, KernelLens, Kernels};
 pub(crate) use outline::BATCH;
 pub(crate) use slabs::{SlabColumns, SlabShare};
-pub(crate) use surfel::{Surfaces, Surfel, SurfelLens, Surfels};
+pub(crate) use surfel::{STEEPEST, SURFEL_REACH, Surfaces, Surfel, SurfelLens, Surfels};

@@ -8,7 +8,10 @@ use crate::simd::*;
 use crate::tile::{BLOCK_SIDE, HALF_BLOCK, Tile};
 
 /// The steepest slope dz/dx that a surfel's plane is followed along: 88°.
-const STEEPEST: f32 = 30.0;
+pub(crate) const STEEPEST: f32 = 30.0;
+
+/// Spans begin as many σ_z before where a surfel is seen, or where its plane is.
+pub(crate) const SURFEL_REACH: f64 = 3.0;
 
 /// What surface records share.
 #[derive(Clone, Copy)]

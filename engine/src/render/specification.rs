@@ -418,7 +418,8 @@ fn compare(scene: &Scene, camera: &Camera, settings: &RenderSettings, level: Lev
     let mut volumes = Records::default();
     let view =
         SceneView { scene, camera, settings, shaders: &renderer.shaders, closing: Closing::Centers, level };
-    volumes.project(&view, &renderer.visible[1]);
+    let all: Vec<u32> = (0..renderer.visible[1].len() as u32).collect();
+    volumes.append(&view, &renderer.visible[1], &all);
     let records = [&renderer.surfaces.records, &volumes];
     let specification = Specification::new(records, (camera, settings), &renderer.depth_tolerances);
     let frame = &renderer.frame;

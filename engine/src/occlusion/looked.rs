@@ -1,0 +1,125 @@
+//! How far the tiles of a picture were looked into.
+
+use crate::cuts::Cuts;
+use crate::footprint::Rect;
+use crate::tile::Tile;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+/// Side of a cell in pixels: tiles consist of whole ones.
+pub(super) const CELL: usize = 8;
+
+/// Depths behind which nothing matters: of surfaces by cells, of volumes by tiles.
+#[derive(Default)]
+pub(crate) struct Looked {
+    side: usize,
+    /// Columns of cells, and of tiles, and how many there are in all.
+    columns: [usize; 2],
+    counts: [usize; 2],
+    /// Where the last layer of surfaces ends that anything is seen of.
+    layers: Vec<AtomicU32>,
+    /// z behind which kernels are hidden by surfaces, and the distance up to which others were added.
+    kernels: Vec<[AtomicU32; 2]>,
+}
+
+/// Squares that a rectangle of pixels touches.
+pub(super) fn squares(pixels: &Rect, side: usize) -> [std::ops::Range<usize>; 2] {
+    [0, 1].map(|axis| usize::from(pixels.min[axis]) / side..usize::from(pixels.max[axis]).div_ceil(side))
+}
+
+impl Looked {
+    pub(super) fn clear(&mut self, size: [u32; 2], side: usize) {
+        let of = |side: usize| size.map(|length| (length as usize).div_ceil(side));
+        let [cells, tiles] = [of(CELL), of(side)];
+        self.side = side;
+        self.columns = [cells[0], tiles[0]];
+        self.counts = [cells[0] * cells[1], tiles[0] * tiles[1]];
+        self.layers.resize_with(self.counts[0].max(self.layers.len()), AtomicU32::default);
+        self.kernels.resize_with(self.counts[1].max(self.kernels.len()), Default::default);
+    }
+
+    /// Side of a tile in pixels.
+    pub(super) fn side(&self) -> usize {
+        self.side
+    }
+
+    /// Columns of cells, and of tiles.
+    pub(super) fn columns(&self) -> [usize; 2] {
+        self.columns
+    }
+
+    /// How many cells there are.
+    pub(super) fn cells(&self) -> usize {
+        self.counts[0]
+    }
+
+    /// How many tiles there are.
+    pub(super) fn tiles(&self) -> usize {
+        self.counts[1]
+    }
+
+    /// Says how far a tile was looked into, which one thread does; `reached` is the distance of the last kernel that it needed.
+    pub(crate) fn store(&self, tile: Tile, cuts: &Cuts, reached: f32) {
+        let place = tile.origin[1] / self.side * self.columns[1] + tile.origin[0] / self.side;
+        self.kernels[place][0].store(cuts.hidden().to_bits(), Relaxed);
+        self.kernels[place][1].store(reached.to_bits(), Relaxed);
+        let cell = |block: usize| {
+            let [x, y] = [0, 1].map(|axis| (tile.origin[axis] + tile.corner(block)[axis]) / CELL);
+            &self.layers[y * self.columns[0] + x]
+        };
+        for block in tile.visible_blocks() {
+            cell(block).store(f32::NEG_INFINITY.to_bits(), Relaxed);
+        }
+        for block in tile.visible_blocks() {
+            let cell = cell(block);
+            let depth = f32::from_bits(cell.load(Relaxed)).max(cuts.block(block).ends);
+            cell.store(depth.to_bits(), Relaxed);
+        }
+    }
+
+    /// Whether surfaces in a rectangle of pixels whose spans begin behind `near` take part in no layer.
+    pub(super) fn hides_surface(&self, pixels: &Rect, near: f32) -> bool {
+        if near == f32::INFINITY {
+            return true;
+        }
+        let [columns, mut rows] = squares(pixels, CELL);
+        rows.all(|row| {
+            let row = &self.layers[row * self.columns[0]..];
+            row[columns.clone()].iter().all(|depth| read(depth) < near)
+        })
+    }
+
+    /// Whether kernels in a rectangle of pixels that are seen from a z and from a distance on aren't needed.
+    pub(super) fn hides_volume(&self, pixels: &Rect, from: [f32; 2]) -> bool {
+        let [columns, mut rows] = squares(pixels, self.side);
+        rows.all(|row| {
+            let row = &self.kernels[row * self.columns[1]..];
+            row[columns.clone()].iter().all(|ends| hides_kernel(ends, from))
+        })
+    }
+
+    /// Marks the tiles of a rectangle of pixels where surfaces, or volumes, from a z and a distance on change anything.
+    pub(super) fn mark(&self, (pixels, is_volume): (&Rect, bool), from: [f32; 2], tiles: &mut [bool]) {
+        let [columns, rows] = squares(pixels, if is_volume { self.side } else { CELL });
+        for row in rows {
+            for column in columns.clone() {
+                let (tile, is_hidden) = if is_volume {
+                    let tile = row * self.columns[1] + column;
+                    (tile, hides_kernel(&self.kernels[tile], from))
+                } else {
+                    let cells = self.side / CELL;
+                    let depth = &self.layers[row * self.columns[0] + column];
+                    (row / cells * self.columns[1] + column / cells, read(depth) < from[0])
+                };
+                tiles[tile] |= !is_hidden;
+            }
+        }
+    }
+}
+
+fn read(depth: &AtomicU32) -> f32 {
+    f32::from_bits(depth.load(Relaxed))
+}
+
+fn hides_kernel(ends: &[AtomicU32; 2], from: [f32; 2]) -> bool {
+    read(&ends[0]) < from[0] || read(&ends[1]) < from[1]
+}
