@@ -116,6 +116,8 @@ impl Renderer {
     ) -> Result<&Frame, SceneError> {
         settings.validate()?;
         let splats = scene.validate()?;
+        // The colours of forms are shown as they are.
+        let settings = &RenderSettings { shade: settings.shade && !settings.color_by_form, ..*settings };
         watched(observer, Stage::Cull, || self.cull(scene, camera, settings));
         let farthest = self.visible[1].iter().map(|range| range.distances[1]).fold(0.0, f32::max);
         let closing = Closing::new(scene, camera, settings, farthest)?;
@@ -128,7 +130,16 @@ impl Renderer {
         );
         let [fragments, late] = self.draw(camera, (settings, closing), observer);
         let visible = (self.surfaces.records.len() + self.volumes.records.len()) as u64;
-        observer.counts(Counts { splats: splats as u64, visible, fragments, late, ..Counts::default() });
+        let [surfaces, volumes] = [&self.surfaces, &self.volumes].map(|drawn| drawn.records.forms());
+        let forms = std::array::from_fn(|form| surfaces[form] + volumes[form]);
+        observer.counts(Counts {
+            splats: splats as u64,
+            visible,
+            forms,
+            fragments,
+            late,
+            ..Counts::default()
+        });
         Ok(&self.frame)
     }
 

@@ -11,5 +11,5 @@ mod surfel;
 
 pub(crate) use kernel::{Fragments, KernelLens, Kernels};
 pub(crate) use outline::BATCH;
-pub(crate) use slabs::{SlabColumns, SlabShare};
+pub(crate) use slabs::{Grain, SlabColumns, SlabShare};
 pub(crate) use surfel::{Surfaces, Surfel, SurfelLens, Surfels};
