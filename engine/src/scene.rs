@@ -44,10 +44,11 @@ pub enum FootprintForm {
     #[default]
     Auto,
     /// Every splat a point, as Yuan, Chen et al., *Hybrid Forward Resampling and Volume Rendering*, 2003, §4.1 accumulate those that are
-    /// minified: round in the picture, its energy kept, without a slope of its depth. Their filter's radius is
+    /// minified: round in the picture, its energy kept, without a slope of its depth. Their filter's variance is
     /// [`RenderSettings::low_pass`], to which the splat's own mean variance is added; the range of depths in which they sum is a slab's
     /// ([`Order::Slabs`]) and a surface layer's. Their threshold, the projected size below which a splat becomes a point, is [`Self::Auto`]'s
     /// bound on the error: here it is infinite.
+    /// A splat that reaches the camera plane is exact. Points cost less than splats only where many are in a slab.
     Point,
     /// Zwicker, Pfister, van Baar, Gross, *EWA Volume Splatting*, 2001: the perspective denominator dropped.
     Affine,

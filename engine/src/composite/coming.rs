@@ -54,7 +54,8 @@ impl Coming {
             let (record, [first, mut last]) = match (&piece, next) {
                 (Some(piece), _) => (piece.record, [piece.first, slabs_of(piece.record)[1]]),
                 (None, Some(next)) => {
-                    (list.next(), ahead.next());
+                    list.next();
+                    ahead.next();
                     *next
                 }
                 (None, None) => break,

@@ -155,7 +155,9 @@ impl Record {
         let q = along * along + across * across;
         let rise = self.depth_slope[0] * x + self.depth_slope[1] * y;
         match self.tag.form {
-            Form::Point | Form::Affine => RecordHit { r: q, z: self.depth + rise, sigma_z: self.sigma_z, scale: 1.0 },
+            Form::Point | Form::Affine => {
+                RecordHit { r: q, z: self.depth + rise, sigma_z: self.sigma_z, scale: 1.0 }
+            }
             Form::Exact => {
                 let t = 1.0 - rise / self.depth;
                 let spread = self.sigma_z / self.depth;

@@ -104,37 +104,19 @@ impl<'a> Projector<'a> {
             return None;
         }
         let crosses = footprint.crosses_camera_plane(cutoff);
-        let is_extinction = matches!(splats.kind, columns::Kind::Extinction);
-        let is_surface = matches!(splats.kind, columns::Kind::Surface(_));
-        let form = match settings.footprint {
-            _ if perspective && crosses => Form::Exact,
-            FootprintForm::Exact if perspective => Form::Exact,
-            FootprintForm::Affine | FootprintForm::Exact => Form::Affine,
-            FootprintForm::Point => Form::Point,
-            FootprintForm::Auto => {
-                let error = footprint.affine_error(is_extinction, lens);
-                let of_point = footprint.roundness_error()
-                    + if is_surface { 0.0 } else { self.slope_error(&footprint) };
-                let share = settings.tolerance / 4.0;
-                match () {
-                    () if error + of_point <= share => Form::Point,
-                    () if error <= share => Form::Affine,
-                    () => Form::Exact,
-                }
-            }
-        };
+        let form = self.form(&footprint);
         let exact = form == Form::Exact;
         // A kernel that crosses the camera plane has no bounded rectangle, but most of those are beside
         // the frustum.
         if crosses && !frustum.touches_ellipsoid(&splat, cutoff, lens) {
             return None;
         }
-        let shown = if form == Form::Point { footprint.round() } else { footprint };
+        let narrower = footprint;
+        let footprint = if form == Form::Point { narrower.round() } else { narrower };
         let attenuation = match splats.kind {
-            columns::Kind::Opacity(OpacityFilter::Compensated) => shown.filter_attenuation(&splat, lens),
-            _ => shown.unit_integral / footprint.unit_integral,
+            columns::Kind::Opacity(OpacityFilter::Compensated) => footprint.filter_attenuation(&splat, lens),
+            _ => footprint.unit_integral / narrower.unit_integral,
         };
-        let footprint = shown;
         let peak = (f64::from(splats.strength(index)) * attenuation).min(LARGEST_ALPHA);
         let bounded = match splats.kind {
             columns::Kind::Opacity(_) => opacity_cutoff(peak, settings),
@@ -214,10 +196,36 @@ impl<'a> Projector<'a> {
         Some(Projected { record, rect, distance, sample })
     }
 
+    /// The form that is asked for, or the cheapest whose error stays within its share of the tolerance. What crosses the camera plane is
+    /// exact.
+    fn form(&self, footprint: &Footprint) -> Form {
+        let View { settings, lens, .. } = &self.view;
+        match settings.footprint {
+            _ if footprint.crosses_camera_plane(settings.cutoff) => Form::Exact,
+            FootprintForm::Exact if lens.projection == Projection::Perspective => Form::Exact,
+            FootprintForm::Exact | FootprintForm::Affine => Form::Affine,
+            FootprintForm::Point => Form::Point,
+            FootprintForm::Auto => {
+                let share = settings.tolerance / 4.0;
+                let is_extinction = matches!(self.columns.kind, columns::Kind::Extinction);
+                let error = footprint.affine_error(is_extinction, lens);
+                if error > share {
+                    Form::Exact
+                } else if error + footprint.roundness_error() + self.slope_error(footprint) <= share {
+                    Form::Point
+                } else {
+                    Form::Affine
+                }
+            }
+        }
+    }
+
     /// What a kernel's share of what lies in its order changes by when the slope of its distance is left out: of slabs by the slope
-    /// over the footprint, E|x| = 0.798 of it, over their thickness at most; of single kernels by that of z over σ_z.
+    /// over the footprint, E|x| = 0.798 of it, over their thickness at most; of single kernels by that of z over σ_z. Layers of surfaces
+    /// follow planes, whose tilt points keep.
     fn slope_error(&self, footprint: &Footprint) -> f64 {
         match &self.view.closing {
+            _ if matches!(self.columns.kind, columns::Kind::Surface(_)) => 0.0,
             Closing::Centers | Closing::Sheets(_) => 0.0,
             Closing::PerPixel => 0.8 * footprint.spread_of(footprint.depth_slope) / footprint.sigma_z,
             Closing::Slabs(slabs) => {

@@ -49,8 +49,7 @@ pub(crate) struct Grain {
 }
 
 impl Heap {
-    const NONE: Self =
-        Self { optical_depth: [0.0; BATCH], color: [[0.0; BATCH]; 3], depth: [0.0; BATCH] };
+    const NONE: Self = Self { optical_depth: [0.0; BATCH], color: [[0.0; BATCH]; 3], depth: [0.0; BATCH] };
 }
 
 impl SlabColumns {
@@ -184,11 +183,13 @@ impl Kernels {
             (sixteen(simd, &self.slabs.distance, first), sixteen(simd, &self.slabs.inverse, first));
         let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
         let amplitude = sixteen(simd, &self.amplitude, first);
-        let share = ((plane - distance) * inverse).mul_add(W::simd_from(simd, 1.0 / BOX), W::simd_from(simd, 0.5));
+        let share =
+            ((plane - distance) * inverse).mul_add(W::simd_from(simd, 1.0 / BOX), W::simd_from(simd, 0.5));
         let nearer = amplitude * share.max(zero).min(one);
         // The mean z of what is in a slab is that of a box with the σ of the spread.
         let half = W::simd_from(simd, 0.5 * BOX) / inverse;
-        let per_distance = sixteen(simd, &self.outlines.depth, first) * 0.5 / distance.max(W::simd_from(simd, 1e-20));
+        let per_distance =
+            sixteen(simd, &self.outlines.depth, first) * 0.5 / distance.max(W::simd_from(simd, 1e-20));
         let colors = sixteen_of(simd, &self.color, first);
         let parts = [(nearer, plane - thickness), (amplitude - nearer, plane)];
         for (heap, (optical_depth, begin)) in self.slabs.in_slabs.iter_mut().zip(parts) {

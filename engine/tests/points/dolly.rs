@@ -1,6 +1,6 @@
 //! Nothing flickers where splats become points: a slow dolly changes the picture as it does without points.
 
-use super::scenes::{looking_from, plane, fog};
+use super::scenes::{fog, looking_from, plane};
 use super::*;
 
 /// The largest changes of a channel from frame to frame of a dolly away from the origin, by 4 % a frame; and how many frames show points and
@@ -11,7 +11,8 @@ fn steps(cloud: &Cloud, footprint: FootprintForm, order: Order) -> (Vec<f64>, us
         .map(|step| {
             let distance = 8.0 * 1.04f64.powi(step);
             let eye = DVec3::new(0.3, 0.4, -1.0).normalize() * distance;
-            let (frame, forms) = draw(&[cloud.clone()], &looking_from(eye, 48), &drawn_as(footprint, order));
+            let (frame, forms) =
+                draw(std::slice::from_ref(cloud), &looking_from(eye, 48), &drawn_as(footprint, order));
             mixed += usize::from(forms[0] > 0 && forms[1] + forms[2] > 0);
             frame
         })
@@ -36,7 +37,11 @@ fn nothing_steps_where_splats_become_points() {
                 );
             }
             let largest = |steps: &[f64]| steps.iter().copied().fold(0.0, f64::max);
-            println!("{name}, {order:?}: {:.4}, affine {:.4}, {mixed} mixed", largest(&auto), largest(&affine));
+            println!(
+                "{name}, {order:?}: {:.4}, affine {:.4}, {mixed} mixed",
+                largest(&auto),
+                largest(&affine)
+            );
         }
     }
 }

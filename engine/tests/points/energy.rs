@@ -20,7 +20,8 @@ fn energy(kind: Kind, factor: Mat3, offset: [f64; 2], order: Order) -> f64 {
     let (frame, forms) = draw(&[cloud], &parallel(), &settings);
     assert_eq!(forms, [1, 0, 0]);
     let sum: f64 = frame.color.iter().map(|pixel| f64::from(pixel[3])).sum();
-    sum / f64::from(peak.min(0.9)) / f64::from(std::f32::consts::TAU * factor.x_axis.length() * factor.y_axis.length())
+    sum / f64::from(peak.min(0.9))
+        / f64::from(std::f32::consts::TAU * factor.x_axis.length() * factor.y_axis.length())
 }
 
 #[test]
@@ -57,7 +58,7 @@ fn a_classic_point_has_the_energy_of_its_splat() {
         let cloud = cloud(kind, &[(Vec3::new(0.2, 0.3, 0.0), factor)], 1e-3, vec![[1.0; 3]]);
         let sum = |footprint| {
             let settings = RenderSettings { tolerance: 1e-9, ..drawn_as(footprint, Order::Centers) };
-            let (frame, _) = draw(&[cloud.clone()], &parallel(), &settings);
+            let (frame, _) = draw(std::slice::from_ref(&cloud), &parallel(), &settings);
             frame.color.iter().map(|pixel| f64::from(pixel[3])).sum::<f64>()
         };
         let ratio = sum(FootprintForm::Point) / sum(FootprintForm::Affine);

@@ -12,6 +12,7 @@ use std::f32::consts::FRAC_2_PI;
 pub(super) struct Forms<S: Simd> {
     pub(super) point: M<S>,
     pub(super) exact: M<S>,
+    pub(super) along: Along<S>,
 }
 
 /// Volume kernels along the rays that meet them, where there are slabs.
@@ -26,7 +27,7 @@ pub(super) struct Along<S: Simd> {
 impl WideProjector<'_> {
     /// Distances of kernels in slabs; nothing of other splats.
     #[inline(always)]
-    pub(super) fn along<S: Simd>(
+    fn along<S: Simd>(
         &self,
         simd: S,
         is_surface: bool,
@@ -34,12 +35,10 @@ impl WideProjector<'_> {
         footprints: &Footprints<S>,
     ) -> Along<S> {
         let zero = splat(simd, 0.0);
-        let Closing::Slabs(slabs) = &self.scalar.view.closing else {
-            return Along { distance: zero, sigma: zero, variance: zero };
+        let slabs = match &self.scalar.view.closing {
+            Closing::Slabs(slabs) if !is_surface => slabs,
+            _ => return Along { distance: zero, sigma: zero, variance: zero },
         };
-        if is_surface {
-            return Along { distance: zero, sigma: zero, variance: zero };
-        }
         let Footprints { mean, depth_slope, sigma_z, conic_root, .. } = footprints;
         let kernels = (placed.center[2], *depth_slope, *sigma_z);
         let Distances { center, slope, sigma } = slabs.distances(simd, *mean, kernels);
@@ -55,22 +54,23 @@ impl WideProjector<'_> {
     pub(super) fn forms<S: Simd>(
         &self,
         simd: S,
+        is_surface: bool,
         placed: &Placed<S>,
         footprints: &mut Footprints<S>,
-        along: &mut Along<S>,
     ) -> Forms<S> {
-        let all = |answer: bool| M::splat(simd, answer);
+        let mut along = self.along(simd, is_surface, placed, footprints);
+        let [none, all] = [M::splat(simd, false), M::splat(simd, true)];
         let (point, exact) = match self.scalar.view.settings.footprint {
-            FootprintForm::Point => (all(true), all(false)),
-            FootprintForm::Affine => (all(false), all(false)),
-            FootprintForm::Exact => (all(false), all(self.perspective)),
-            FootprintForm::Auto => self.cheapest(simd, placed, footprints, along),
+            FootprintForm::Point => (all, none),
+            FootprintForm::Affine => (none, none),
+            FootprintForm::Exact => (none, M::splat(simd, self.perspective)),
+            FootprintForm::Auto => self.cheapest(simd, placed, footprints, &along),
         };
         if point.any_true() {
             footprints.round(simd, point);
             along.variance = point.select(splat(simd, 0.0), along.variance);
         }
-        Forms { point, exact }
+        Forms { point, exact, along }
     }
 
     /// The points and the exact ones, by their errors.
@@ -144,8 +144,8 @@ impl<S: Simd> Footprints<S> {
         let gain = root * root / (a * c);
         self.conic_root = [point.select(root, a), point.select(zero, b), point.select(root, c)];
         self.gain = point.select(gain, self.gain);
-        self.unit_integral = self.unit_integral * self.gain;
-        self.attenuation = self.attenuation * self.gain;
+        self.unit_integral *= self.gain;
+        self.attenuation *= self.gain;
         for axis in 0..2 {
             self.depth_slope[axis] = point.select(zero, self.depth_slope[axis]);
             self.variance[axis] = point.select(mean, self.variance[axis]);

@@ -130,10 +130,10 @@ impl<'a> WideProjector<'a> {
             let placed = self.place(simd, origin, from_middle);
             let colors = self.colors(simd, block, &placed, towards);
             let mut footprints = self.footprints(simd, block, &placed);
-            let mut along = self.along(simd, range.is_surface, &placed, &footprints);
-            let forms = self.forms(simd, &placed, &mut footprints, &mut along);
+            let forms = self.forms(simd, range.is_surface, &placed, &mut footprints);
             let looks = self.looks(simd, block, (&placed, &footprints), colors);
-            self.push(simd, (range, first, chosen), (&placed, &footprints, &looks), (&forms, &along), (out, &mut ends));
+            let seen = (&placed, &footprints, &looks, &forms);
+            self.push(simd, (range, first, chosen), seen, (out, &mut ends));
         }
         out.run.include([ends[0].reduce_min(), ends[1].reduce_max()]);
     }

@@ -33,11 +33,10 @@ impl WideProjector<'_> {
         &self,
         simd: S,
         (range, first, chosen): (&VisibleRange, usize, u32),
-        (placed, footprints, looks): (&Placed<S>, &Footprints<S>, &Looks<S>),
-        (forms, along): (&Forms<S>, &Along<S>),
+        (placed, footprints, looks, forms): (&Placed<S>, &Footprints<S>, &Looks<S>, &Forms<S>),
         (out, ends): (&mut Places, &mut Ends<S>),
     ) {
-        let Forms { point, exact } = *forms;
+        let Forms { point, exact, ref along } = *forms;
         let limits = (exact, looks.cutoff);
         let [left, right] = self.bounds(simd, 0, (placed, footprints), limits);
         let [top, bottom] = self.bounds(simd, 1, (placed, footprints), limits);
