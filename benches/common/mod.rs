@@ -52,8 +52,8 @@ impl Work {
 }
 
 /// All of them. T1 is a volume, T2 an iso-surface, T3 trained splats, T4 opaque surfels, hidden what lies mostly behind other
-/// surfels, with and without occlusion; Y03 are the frames of Yuan,
-/// Chen et al., *Hybrid Forward Resampling and Volume Rendering*, 2003, figure 9: their voxels, in looks of ours.
+/// surfels, with and without occlusion; Y03 are the frames of Yuan, Chen et al., *Hybrid Forward Resampling and Volume
+/// Rendering*, 2003, figure 9, at 400²: their voxels, in looks of ours, as splats, as each form that serves, and as points.
 pub(crate) fn works() -> Vec<Work> {
     let shaded = RenderSettings {
         blend: Blend::Display,
@@ -67,7 +67,15 @@ pub(crate) fn works() -> Vec<Work> {
     let frame = |name, camera, settings| Frame { name, camera, settings };
     let [small, large] = [400, 1024].map(|side| volume_camera(ENGINE_EXTENT, side));
     let both = || vec![frame("1024", large, shaded), frame("400", small, shaded)];
-    let y03 = |extent| vec![frame("400", volume_camera(extent, 400), shaded)];
+    let y03 = |extent| {
+        let frame =
+            |name, footprint| frame(name, volume_camera(extent, 400), RenderSettings { footprint, ..shaded });
+        vec![
+            frame("splats", FootprintForm::Affine),
+            frame("auto", FootprintForm::Auto),
+            frame("points", FootprintForm::Point),
+        ]
+    };
     let forms = || {
         vec![
             frame("auto", trained_camera(), form(FootprintForm::Auto)),

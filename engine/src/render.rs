@@ -127,6 +127,8 @@ impl Renderer {
     ) -> Result<&Frame, SceneError> {
         settings.validate()?;
         let splats = scene.validate()?;
+        // The colours of forms are shown as they are.
+        let settings = &RenderSettings { shade: settings.shade && !settings.color_by_form, ..*settings };
         let culled = watched(observer, Stage::Cull, || self.cull(scene, camera, settings));
         let closing = Closing::new(scene, camera, settings, &self.visible[1])?;
         let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
@@ -153,6 +155,7 @@ impl Renderer {
         }
         let sum = |i: usize| self.counts.iter().map(|counts| counts[i].load(Relaxed)).sum();
         let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
+        let [surfaces, volumes] = [&self.surfaces, &self.volumes].map(|drawn| drawn.records.forms());
         let drawn = [&self.surfaces, &self.volumes].into_iter().zip(&self.visible);
         observer.counts(Counts {
             splats: splats as u64,
@@ -160,6 +163,7 @@ impl Renderer {
             occluded: self.occlusion.count(visible),
             visible: (self.surfaces.records.len() + self.volumes.records.len()) as u64,
             merged: drawn.map(|(drawn, ranges)| drawn.merged(ranges)).sum(),
+            forms: std::array::from_fn(|form| surfaces[form] + volumes[form]),
             fragments: sum(0),
             late: sum(1),
             ..Counts::default()

@@ -40,9 +40,16 @@ pub enum Light {
 /// Which form of the footprint is used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FootprintForm {
-    /// For each splat the cheaper form whose error stays within its share of the tolerance.
+    /// For each splat the cheapest form whose error stays within its share of the tolerance.
     #[default]
     Auto,
+    /// Every splat a point, as Yuan, Chen et al., *Hybrid Forward Resampling and Volume Rendering*, 2003, §4.1 accumulate those that are
+    /// minified: round in the picture, its energy kept, without a slope of its depth. Their filter's variance is
+    /// [`RenderSettings::low_pass`], to which the splat's own mean variance is added; the range of depths in which they sum is a slab's
+    /// ([`Order::Slabs`]) and a surface layer's. Their threshold, the projected size below which a splat becomes a point, is [`Self::Auto`]'s
+    /// bound on the error: here it is infinite.
+    /// A splat that reaches the camera plane is exact. Points cost less than splats only where many are in a slab.
+    Point,
     /// Zwicker, Pfister, van Baar, Gross, *EWA Volume Splatting*, 2001: the perspective denominator dropped.
     Affine,
     /// Exact perspective.
@@ -128,6 +135,8 @@ pub struct RenderSettings {
     pub budget: Option<usize>,
     /// Whether what is hidden is left out before it is projected.
     pub occlusion: bool,
+    /// Whether splats are shown in the colour of their footprint's form, unshaded: points red, affine green, exact blue.
+    pub color_by_form: bool,
     /// What the frame holds.
     pub channels: Channels,
 }
@@ -147,6 +156,7 @@ impl Default for RenderSettings {
             level_of_detail: true,
             budget: None,
             occlusion: true,
+            color_by_form: false,
             channels: Channels::All,
         }
     }

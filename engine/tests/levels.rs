@@ -197,7 +197,8 @@ fn cases() -> Vec<Case> {
     let mut fogged = sheets();
     fogged.push(medium());
     add("sheets in fog", fogged, view(eye), backdrop, lattice(0.8));
-    for footprint in [FootprintForm::Auto, FootprintForm::Affine, FootprintForm::Exact] {
+    for footprint in [FootprintForm::Auto, FootprintForm::Point, FootprintForm::Affine, FootprintForm::Exact]
+    {
         let round = |i: usize| oblate_factor(spot(i + 3), 0.16 + 0.1 * noise(i, 0.71), 1.0 + (i % 5) as f32);
         let settings = RenderSettings { footprint, ..backdrop };
         add("trained", vec![trained(120, round)], view(eye), settings, 1.0);

@@ -12,7 +12,7 @@ pub(super) struct Centers<S: Simd> {
 impl<S: Simd> Opening<S> for Centers<S> {
     type Open = ();
     const KEEPS_OPEN: bool = false;
-    type Policy = ();
+    type Policy<'a> = ();
 
     #[inline(always)]
     fn load(simd: S, seen: &Seen, (): &mut ()) -> Self {

@@ -40,22 +40,26 @@ impl Coming {
             records.extend(list.by_ref().take(BATCH).map(|entry| entry.load(Ordering::Relaxed)));
             return !records.is_empty();
         }
+        // Records are not in the cache. The loop is so short that most are on their way at once.
+        let slabs_of = |record: u32| all[record as usize].amplitude_slope_or_slabs.map(|slab| slab as u32);
+        let mut ahead = [(0, [0; 2]); BATCH];
+        let coming = list.as_slice().iter().map(|entry| entry.load(Ordering::Relaxed));
+        for (ahead, record) in ahead.iter_mut().zip(coming) {
+            *ahead = (record, slabs_of(record));
+        }
+        let mut ahead = ahead[..list.len().min(BATCH)].iter();
         while records.len() < BATCH {
-            let next = list.as_slice().first().map(|entry| entry.load(Ordering::Relaxed));
-            let slabs_of = |record: u32| {
-                let [first, last] = all[record as usize].amplitude_slope_or_slabs;
-                [first as u32, last as u32]
-            };
-            let piece = pieces.pop_front_if(|piece| next.is_none_or(|next| piece.first < slabs_of(next)[0]));
-            let (record, first) = match (&piece, next) {
-                (Some(piece), _) => (piece.record, piece.first),
+            let next = ahead.as_slice().first();
+            let piece = pieces.pop_front_if(|piece| next.is_none_or(|(_, slabs)| piece.first < slabs[0]));
+            let (record, [first, mut last]) = match (&piece, next) {
+                (Some(piece), _) => (piece.record, [piece.first, slabs_of(piece.record)[1]]),
                 (None, Some(next)) => {
                     list.next();
-                    (next, slabs_of(next)[0])
+                    ahead.next();
+                    *next
                 }
                 (None, None) => break,
             };
-            let mut last = slabs_of(record)[1];
             let ends = last - first < MOST_OPEN;
             if !ends {
                 pieces.push_back(Piece { record, first: first + MOST_OPEN });

@@ -87,7 +87,7 @@ impl Compositor<'_> {
     ) -> [u64; 2] {
         let KernelBuffers { batches, coming, windows, slabs, none } = buffers;
         let fetched = (batches, coming);
-        let count = match (self.lens.closing, self.keeps_depth) {
+        let count = match (&self.lens.closing, self.keeps_depth) {
             (Closing::Centers, false) => {
                 self.add_to::<S, Centers<S>, false>(simd, tile, (cuts, ()), (fetched, none, runs))
             }
@@ -113,7 +113,7 @@ impl Compositor<'_> {
         &self,
         simd: S,
         (tile, list): (Tile, &[AtomicU32]),
-        (cuts, policy): (&Cuts, O::Policy),
+        (cuts, policy): (&Cuts, O::Policy<'_>),
         ((batches, coming), opens, runs): Buffers<O::Open>,
     ) -> u64 {
         let segments = cuts.segments();
@@ -212,7 +212,7 @@ impl Compositor<'_> {
     fn add_group<S: Simd, O: Opening<S>, const DEPTH: bool>(
         &self,
         simd: S,
-        (here, policy): (Here, O::Policy),
+        (here, policy): (Here, O::Policy<'_>),
         (cuts, batches): (&Cuts, &[Kernels]),
         (opens, runs): (&mut [Vec<O::Open>], &mut Runs),
     ) -> (u32, bool) {
@@ -264,7 +264,7 @@ impl Compositor<'_> {
     fn add_mixed<S: Simd, O: Opening<S>, const DEPTH: bool>(
         &self,
         simd: S,
-        (here, policy): (Here, O::Policy),
+        (here, policy): (Here, O::Policy<'_>),
         (kernels, mut todo, whole): (&Kernels, u64, u64),
         (cuts, opens, runs): (&Cuts, &mut [Vec<O::Open>], &mut Runs),
     ) {
@@ -330,7 +330,7 @@ impl Compositor<'_> {
     fn add_rest<S: Simd, O: Opening<S>, const DEPTH: bool>(
         &self,
         simd: S,
-        (here, policy): (Here, O::Policy),
+        (here, policy): (Here, O::Policy<'_>),
         (fragment, mut shares, mut through): (Fragment<S>, Shares<S>, Through<S>),
         (cuts, opens, runs): (&Cuts, &mut [Vec<O::Open>], &mut Runs),
     ) {

@@ -11,7 +11,7 @@ pub(super) trait Opening<S: Simd>: Sized {
     /// Whether anything does.
     const KEEPS_OPEN: bool;
     /// What is the same for all blocks.
-    type Policy: Copy;
+    type Policy<'a>: Copy;
 
     /// Takes up what is seen and open.
     fn load(simd: S, seen: &Seen, open: &mut Self::Open) -> Self;
@@ -27,7 +27,7 @@ pub(super) trait Opening<S: Simd>: Sized {
         &mut self,
         simd: S,
         plain: Plain<S>,
-        policy: Self::Policy,
+        policy: Self::Policy<'_>,
         open: &mut Self::Open,
     );
 
@@ -36,12 +36,12 @@ pub(super) trait Opening<S: Simd>: Sized {
         &mut self,
         simd: S,
         fragment: Fragment<S>,
-        policy: Self::Policy,
+        policy: Self::Policy<'_>,
         open: &mut Self::Open,
     );
 
     /// Closes what is open.
-    fn finish<const DEPTH: bool>(&mut self, simd: S, policy: Self::Policy, open: &mut Self::Open);
+    fn finish<const DEPTH: bool>(&mut self, simd: S, policy: Self::Policy<'_>, open: &mut Self::Open);
 }
 
 /// A set of a batch's kernels, to be evaluated at the pixels of a block.

@@ -9,7 +9,7 @@ use super::seen::{Seeing, Seen};
 use super::spread::{Cumulative, Matter};
 use super::sums::{OpenSlabs, Sum};
 use crate::closing::{Closing, Slabs};
-use crate::raster::Kernels;
+use crate::raster::{Kernels, SlabColumns};
 use crate::simd::*;
 
 /// Slabs are open.
@@ -24,7 +24,7 @@ pub(super) struct Slabbed<S: Simd> {
 impl<S: Simd> Opening<S> for Slabbed<S> {
     type Open = OpenSlabs;
     const KEEPS_OPEN: bool = true;
-    type Policy = Closing;
+    type Policy<'a> = &'a Closing;
 
     #[inline(always)]
     fn load(simd: S, seen: &Seen, open: &mut OpenSlabs) -> Self {
@@ -48,14 +48,18 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
         &mut self,
         simd: S,
         plain: Plain<S>,
-        closing: Closing,
+        closing: &Closing,
         open: &mut OpenSlabs,
     ) {
-        let Closing::Slabs(slabs) = &closing else {
+        let Closing::Slabs(slabs) = closing else {
             return self.add_to_sheets::<DEPTH>(simd, plain, open);
         };
-        let narrow = plain.kernels.slabs.narrow;
+        let SlabColumns { narrow, points, .. } = plain.kernels.slabs;
         let mut rest = plain.set;
+        if rest & !points == 0 {
+            self.add_points::<DEPTH>(simd, plain, slabs, open);
+            return;
+        }
         while rest != 0 {
             let set = before(rest, rest & !narrow);
             self.add_narrow::<DEPTH>(simd, Plain { set, ..plain }, slabs, open);
@@ -79,12 +83,12 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
         &mut self,
         simd: S,
         fragment: Fragment<S>,
-        closing: Closing,
+        closing: &Closing,
         open: &mut OpenSlabs,
     ) {
         let Fragment { kernels, number, corner, optical_depth, depth, distance, ray_length, .. } = fragment;
         let first = kernels.slabs.first[number];
-        let Closing::Slabs(slabs) = &closing else {
+        let Closing::Slabs(slabs) = closing else {
             self.close_before::<DEPTH>(simd, first, 0.0, open);
             self.near[0].add::<DEPTH>(simd, (optical_depth, fragment.depth_inside()), kernels.color(number));
             self.end = self.end.max(first + 2);
@@ -112,7 +116,7 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
     }
 
     #[inline(always)]
-    fn finish<const DEPTH: bool>(&mut self, simd: S, closing: Closing, open: &mut OpenSlabs) {
+    fn finish<const DEPTH: bool>(&mut self, simd: S, closing: &Closing, open: &mut OpenSlabs) {
         self.close_before::<DEPTH>(simd, u32::MAX, closing.thickness(), open);
         // Ready for the next tile.
         (self.first, self.end) = (0, 0);
@@ -174,6 +178,29 @@ impl<S: Simd> Slabbed<S> {
             };
             let matter = Matter { optical_depth, depth, distance, segment: None };
             self.share_between::<DEPTH>(simd, (kernels, number), (matter, share), slabs);
+        }
+    }
+
+    /// Adds points that touch two slabs at most: both sums grow by the same weight.
+    #[inline(always)]
+    fn add_points<const DEPTH: bool>(
+        &mut self,
+        simd: S,
+        mut plain: Plain<S>,
+        slabs: &Slabs,
+        open: &mut OpenSlabs,
+    ) {
+        let Plain { kernels, pixels, .. } = plain;
+        while let Some(number) = plain.next() {
+            let first = kernels.slabs.first[number];
+            if first != self.first {
+                self.close_before::<DEPTH>(simd, first, slabs.thickness(), open);
+            }
+            self.end = self.end.max(first + 2);
+            let weight = kernels.point_weight(simd, number, pixels);
+            for (slab, sum) in self.near.iter_mut().enumerate() {
+                sum.add_grain::<DEPTH>(simd, weight, &kernels.slabs.grain(number, slab));
+            }
         }
     }
 

@@ -3,7 +3,7 @@
 use super::seen::Seeing;
 use super::spread::{Cumulative, Matter};
 use crate::closing::Slabs;
-use crate::raster::Kernels;
+use crate::raster::{Grain, Kernels};
 use crate::simd::*;
 use crate::tile::Plane;
 
@@ -173,6 +173,18 @@ impl<S: Simd> Sum<S> {
         }
         if DEPTH {
             self.depth = optical_depth.mul_add(depth, self.depth);
+        }
+    }
+
+    /// Adds a point with a weight at each pixel.
+    #[inline(always)]
+    pub(super) fn add_grain<const DEPTH: bool>(&mut self, simd: S, weight: W<S>, grain: &Grain) {
+        self.optical_depth = weight.mul_add(W::simd_from(simd, grain.optical_depth), self.optical_depth);
+        for (sum, own) in self.color.iter_mut().zip(grain.color) {
+            *sum = weight.mul_add(W::simd_from(simd, own), *sum);
+        }
+        if DEPTH {
+            self.depth = weight.mul_add(W::simd_from(simd, grain.depth), self.depth);
         }
     }
 

@@ -60,7 +60,7 @@ struct Waiting<S: Simd> {
 impl<S: Simd> Opening<S> for Windowed<S> {
     type Open = Window;
     const KEEPS_OPEN: bool = true;
-    type Policy = ();
+    type Policy<'a> = ();
 
     #[inline(always)]
     fn load(simd: S, seen: &Seen, _: &mut Window) -> Self {

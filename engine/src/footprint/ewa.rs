@@ -17,6 +17,7 @@
 use crate::camera::{Camera, Projection};
 use crate::simd::*;
 use glam::{DMat3, DVec2, DVec3};
+use std::f64::consts::FRAC_2_PI;
 
 /// A splat in camera space, before it is projected.
 #[derive(Clone, Copy, Debug)]
@@ -264,6 +265,48 @@ impl Footprint {
         let under = (self.extent.variance - self.extent.minor * (cutoff * k2 * k2)) * cutoff;
         // The root's argument can only be negative by rounding.
         [self.mean + shift, under.max(DVec2::ZERO).map(f64::sqrt) / e]
+    }
+
+    /// The footprint as a point's: V' = (h² + v)·1 with v the mean variance that the splat has in the picture, its energy kept, one
+    /// depth. It is the circular filter at the pixels in which minified splats accumulate (Yuan, Chen et al., *Hybrid Forward Resampling and
+    /// Volume Rendering*, 2003, §4.1), no narrower than what it stands for: where splats become points nothing gets brighter or sharper.
+    pub fn round(&self) -> Self {
+        let variance = self.mean_variance();
+        let root = 1.0 / variance.sqrt();
+        Self {
+            conic_root: [root, 0.0, root],
+            depth_slope: DVec2::ZERO,
+            unit_integral: self.unit_integral / (self.root_area() * variance),
+            extent: Extent { variance: DVec2::splat(variance), ..self.extent },
+            ..*self
+        }
+    }
+
+    /// A bound on the error of the point's footprint as a share of the splat's energy, besides that of the affine form:
+    /// ∫|w − w_round| / ∫w ≤ (2/π) ε/(1 − ε²) where V has the eigenvalues (1 ± ε)·½ tr V. To first order the difference is ½ε(x² − y²)w, and
+    /// E|x² − y²| = 4/π over a unit Gaussian; it is below the bound by 0.3 ε² of it where ε is small, by 8 % at ε = 0.4.
+    pub fn roundness_error(&self) -> f64 {
+        let [a, b, c] = self.conic_root;
+        let mean = self.mean_variance();
+        let half = 0.5 * (self.extent.variance.x - self.extent.variance.y);
+        let epsilon = half.hypot(b / (a * c * c)) / mean;
+        // 1 − ε² is |V| over the squared mean.
+        FRAC_2_PI * epsilon * (self.root_area() * mean).powi(2)
+    }
+
+    /// ½ tr V.
+    fn mean_variance(&self) -> f64 {
+        0.5 * self.extent.variance.element_sum()
+    }
+
+    /// 1/√|V|.
+    fn root_area(&self) -> f64 {
+        self.conic_root[0] * self.conic_root[2]
+    }
+
+    /// Standard deviation over the footprint of what changes with a slope a pixel.
+    pub(crate) fn spread_of(&self, slope: DVec2) -> f64 {
+        self.whiten(slope).length()
     }
 
     /// Estimate of the affine form's error as a share of the splat's energy, ∫|τ_exact − τ_affine| / ∫τ:

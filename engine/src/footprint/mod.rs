@@ -60,6 +60,8 @@ pub(crate) struct Records {
     pub(crate) samples: Vec<SurfaceSample>,
     /// The places taken.
     pub(crate) runs: Vec<Run>,
+    /// How many there are of each form, by range.
+    forms: Vec<[u32; Form::ALL.len()]>,
 }
 
 /// Where the records of one range go.
@@ -70,6 +72,7 @@ struct Places<'a> {
     /// As many, or none.
     samples: &'a mut [SurfaceSample],
     run: &'a mut Run,
+    forms: &'a mut [u32; Form::ALL.len()],
 }
 
 impl Places<'_> {
@@ -82,6 +85,7 @@ impl Places<'_> {
         if let Some(slot) = self.samples.get_mut(place) {
             *slot = sample;
         }
+        self.forms[record.tag.form as usize] += 1;
         self.run.include([distance; 2]);
         self.run.len = place + 1;
     }
@@ -104,9 +108,15 @@ impl Records {
         self.runs.iter().map(|run| run.len).sum()
     }
 
+    /// How many there are of each form.
+    pub(crate) fn forms(&self) -> [u64; Form::ALL.len()] {
+        std::array::from_fn(|form| self.forms.iter().map(|count| u64::from(count[form])).sum())
+    }
+
     /// Forgets all records.
     pub(crate) fn clear(&mut self) {
         self.runs.clear();
+        self.forms.clear();
     }
 
     /// Projects those of a scene's ranges that are `chosen`, behind what there is; runs come in the same order.
@@ -122,15 +132,16 @@ impl Records {
         self.distances.resize_with(places.max(self.distances.len()), AtomicU32::default);
         self.samples.resize(samples.max(self.samples.len()), SurfaceSample::default());
         self.runs.extend((begin..count).map(|number| Run::new(number * CLUSTER_SIZE)));
+        self.forms.resize(count, [0; Form::ALL.len()]);
         let records = self.records.as_chunks_mut().0[begin..].par_iter_mut();
         let rects = self.rects.as_chunks_mut().0[begin..].par_iter_mut();
         let distances = self.distances.as_chunks_mut().0[begin..].par_iter_mut();
         let samples = self.samples[begin * samples_a_range..].par_chunks_mut(samples_a_range);
         let places = records.zip(rects).zip(distances).zip(samples);
-        chosen.par_iter().zip(&mut self.runs[begin..]).zip(places).for_each(
-            |((range, run), (((records, rects), distances), samples))| {
+        chosen.par_iter().zip(&mut self.runs[begin..]).zip(&mut self.forms[begin..]).zip(places).for_each(
+            |(((range, run), forms), (((records, rects), distances), samples))| {
                 let range = &ranges[*range as usize];
-                let mut places = Places { records, rects, distances, samples, run };
+                let mut places = Places { records, rects, distances, samples, run, forms };
                 let projector = view.projector(range);
                 WideProjector::new(&projector).project(view.level, range, &mut places);
             },

@@ -14,13 +14,25 @@ pub enum Kind {
     Surface,
 }
 
-/// The form of a record's footprint.
+/// The form of a record's footprint, from the cheapest on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
+    /// Round and at one distance: see [`Footprint::round`].
+    Point,
     /// The perspective denominator dropped.
     Affine,
     /// Exact perspective; where rays are parallel the affine form is exact.
     Exact,
+}
+
+impl Form {
+    /// All forms, each at its number.
+    pub const ALL: [Self; 3] = [Self::Point, Self::Affine, Self::Exact];
+
+    /// What debugging views show it in: red, green, blue.
+    pub(crate) fn color(self) -> [f32; 3] {
+        std::array::from_fn(|channel| if channel == self as usize { 1.0 } else { 0.0 })
+    }
 }
 
 /// What a record is besides its numbers.
@@ -143,7 +155,9 @@ impl Record {
         let q = along * along + across * across;
         let rise = self.depth_slope[0] * x + self.depth_slope[1] * y;
         match self.tag.form {
-            Form::Affine => RecordHit { r: q, z: self.depth + rise, sigma_z: self.sigma_z, scale: 1.0 },
+            Form::Point | Form::Affine => {
+                RecordHit { r: q, z: self.depth + rise, sigma_z: self.sigma_z, scale: 1.0 }
+            }
             Form::Exact => {
                 let t = 1.0 - rise / self.depth;
                 let spread = self.sigma_z / self.depth;

@@ -14,6 +14,7 @@ use crate::harmonics::basis;
 use crate::levels::Level;
 use crate::scene::{Blend, FootprintForm, RenderSettings};
 use crate::shade::Shader;
+use crate::simd::{self, SimdBase as _, dispatch};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 /// Rounds an amplitude. What is beyond ±1e20 is opaque whatever its value; sums of it stay finite.
@@ -106,23 +107,18 @@ impl<'a> Projector<'a> {
             return None;
         }
         let crosses = footprint.crosses_camera_plane(cutoff);
-        let is_extinction = matches!(splats.kind, columns::Kind::Extinction);
-        let exact = perspective
-            && match settings.footprint {
-                FootprintForm::Exact => true,
-                FootprintForm::Affine => crosses,
-                FootprintForm::Auto => {
-                    crosses || footprint.affine_error(is_extinction, lens) > settings.tolerance / 4.0
-                }
-            };
+        let form = self.form(&footprint);
+        let exact = form == Form::Exact;
         // A kernel that crosses the camera plane has no bounded rectangle, but most of those are beside
         // the frustum.
         if crosses && !frustum.touches_ellipsoid(&splat, cutoff, lens) {
             return None;
         }
+        let narrower = footprint;
+        let footprint = if form == Form::Point { narrower.round() } else { narrower };
         let attenuation = match splats.kind {
             columns::Kind::Opacity(OpacityFilter::Compensated) => footprint.filter_attenuation(&splat, lens),
-            _ => 1.0,
+            _ => footprint.unit_integral / narrower.unit_integral,
         };
         let peak = (f64::from(splats.strength(index)) * attenuation).min(LARGEST_ALPHA);
         let bounded = match splats.kind {
@@ -135,7 +131,6 @@ impl<'a> Projector<'a> {
         let [center, half] = footprint.bounds(bounded, exact);
         let rect = Rect::around(center, half, camera.size())?;
 
-        let form = if exact { Form::Exact } else { Form::Affine };
         let mut record = Record::geometry(&footprint, form);
         record.tag.cloud = self.cloud_index;
         let normal = splats.normal(index).as_dvec3();
@@ -200,7 +195,55 @@ impl<'a> Projector<'a> {
             record.amplitude_slope_or_slabs = closing.numbers_of_one(splat.center.as_vec3(), along);
             distance = record.amplitude_slope_or_slabs[0];
         }
+        if settings.color_by_form {
+            record.color = form.color();
+        }
         Some(Projected { record, rect, distance, sample })
+    }
+
+    /// The form that is asked for, or the cheapest whose error stays within its share of the tolerance. What crosses the camera plane is
+    /// exact.
+    fn form(&self, footprint: &Footprint) -> Form {
+        let View { settings, lens, .. } = &self.view;
+        match settings.footprint {
+            _ if footprint.crosses_camera_plane(settings.cutoff) => Form::Exact,
+            FootprintForm::Exact if lens.projection == Projection::Perspective => Form::Exact,
+            FootprintForm::Exact | FootprintForm::Affine => Form::Affine,
+            FootprintForm::Point => Form::Point,
+            FootprintForm::Auto => {
+                let share = settings.tolerance / 4.0;
+                let is_extinction = matches!(self.columns.kind, columns::Kind::Extinction);
+                let error = footprint.affine_error(is_extinction, lens);
+                if error > share {
+                    Form::Exact
+                } else if error + footprint.roundness_error() + self.slope_error(footprint) <= share {
+                    Form::Point
+                } else {
+                    Form::Affine
+                }
+            }
+        }
+    }
+
+    /// What a kernel's share of what lies in its order changes by when the slope of its distance is left out: of slabs by the slope
+    /// over the footprint, E|x| = 0.798 of it, over their thickness at most; of single kernels by that of z over σ_z. Layers of surfaces
+    /// follow planes, whose tilt points keep.
+    fn slope_error(&self, footprint: &Footprint) -> f64 {
+        match &self.view.closing {
+            _ if matches!(self.columns.kind, columns::Kind::Surface(_)) => 0.0,
+            Closing::Centers | Closing::Sheets(_) => 0.0,
+            Closing::PerPixel => 0.8 * footprint.spread_of(footprint.depth_slope) / footprint.sigma_z,
+            Closing::Slabs(slabs) => {
+                let slope = dispatch!(simd::Level::Baseline, simd => {
+                    let of = |x: f64| simd::splat(simd, x as f32);
+                    let [mean, slope] = [footprint.mean, footprint.depth_slope].map(|v| [of(v.x), of(v.y)]);
+                    let kernel = (of(footprint.depth), slope, of(footprint.sigma_z));
+                    let slope = slabs.distances(simd, mean, kernel).slope;
+                    slope.map(|slope| f64::from(slope.reduce_max()))
+                });
+                0.8 * footprint.spread_of(slope.into()) / f64::from(slabs.thickness())
+            }
+        }
     }
 
     /// The splat's colour in the space of blending, as it is seen from the eye.

@@ -45,8 +45,8 @@ pub(crate) struct Kernels {
     alpha: [Column; 3],
     /// −kr where they end.
     least: Column,
-    color: [Column; 3],
-    amplitude: Column,
+    pub(super) color: [Column; 3],
+    pub(super) amplitude: Column,
     /// How far they reach along z from their centres, anywhere in the picture: to the end of their ellipsoids, and
     /// [`REACH`] σ_z.
     reach: Column,
@@ -57,7 +57,7 @@ pub(crate) struct Kernels {
     pub(crate) slabs: SlabColumns,
     is_taylor: bool,
     /// Those of kind `Opacity`.
-    opacities: u64,
+    pub(super) opacities: u64,
     /// Those that lie wholly behind the near plane.
     pub(crate) whole: u64,
     /// Those that each block needs.
@@ -211,7 +211,7 @@ impl Kernels {
 
     /// 2^x down to where the kernel ends, 0 beyond.
     #[inline(always)]
-    fn weight<S: Simd>(&self, simd: S, number: usize, exponent: W<S>) -> W<S> {
+    pub(super) fn weight<S: Simd>(&self, simd: S, number: usize, exponent: W<S>) -> W<S> {
         exp2_from(simd, exponent, self.least[number])
     }
 

@@ -11,5 +11,5 @@ mod surfel;
 
 pub(crate) use kernel::{Fragments, KERNEL_REACH, KernelLens, Kernels};
 pub(crate) use outline::BATCH;
-pub(crate) use slabs::{SlabColumns, SlabShare};
+pub(crate) use slabs::{Grain, SlabColumns, SlabShare};
 pub(crate) use surfel::{STEEPEST, SURFEL_REACH, Surfaces, Surfel, SurfelLens, Surfels};

@@ -23,8 +23,9 @@ pub(crate) struct Outlines {
     pub(crate) depth: Column,
     pub(crate) depth_slope: [Column; 2],
     pub(crate) sigma_z: Column,
-    /// Those in the exact form.
+    /// Those in the exact form, and the points.
     pub(crate) exact: u64,
+    pub(crate) points: u64,
     count: usize,
 }
 
@@ -80,6 +81,7 @@ impl Outlines {
         depth_slope: [[0.0; BATCH]; 2],
         sigma_z: [0.0; BATCH],
         exact: 0,
+        points: 0,
         count: 0,
     };
 
@@ -88,9 +90,10 @@ impl Outlines {
     /// They are not in the cache. The loop over their tags is so short that most are on their way at once.
     #[inline(always)]
     pub(crate) fn begin<'a>(&mut self, records: impl Iterator<Item = &'a Record>) {
-        (self.exact, self.count) = (0, 0);
+        (self.exact, self.points, self.count) = (0, 0, 0);
         for (number, record) in records.enumerate().take(BATCH) {
             self.exact |= u64::from(record.tag.form == Form::Exact) << number;
+            self.points |= u64::from(record.tag.form == Form::Point) << number;
             self.count = number + 1;
         }
     }
@@ -148,6 +151,14 @@ impl Outlines {
     pub(crate) fn offsets<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> Offsets<S> {
         let ([x, y], [a, b, c]) = (&self.mean, &self.root);
         Offsets::new(simd, pixels, ([x[number], y[number]], [a[number], b[number], c[number]]))
+    }
+
+    /// −kq of a point at pixels.
+    #[inline(always)]
+    pub(crate) fn round_exponent<S: Simd>(&self, number: usize, pixels: [W<S>; 2]) -> W<S> {
+        let [u, v] = [pixels[0] - self.mean[0][number], pixels[1] - self.mean[1][number]];
+        let root = self.root[0][number];
+        u.mul_add(u, v * v) * -(root * root)
     }
 
     /// The blocks that each record of a set needs: those that its ellipse meets, and where perspective makes none of it, those of

@@ -23,9 +23,33 @@ pub(crate) struct SlabColumns {
     normal_part: Column,
     /// Boxes that touch no more than two slabs: shared out between the first and the next.
     pub(crate) narrow: u64,
+    /// Those of them that are points of optical depths: all pixels see the same shares of them.
+    pub(crate) points: u64,
+    /// What points have in their two slabs where w = e^{−r/2} is 1.
+    in_slabs: [Heap; 2],
     /// Pieces that begin, and that end, their records.
     begin: u64,
     end: u64,
+}
+
+/// Of a slab, the optical depths of points, and those times colours and z.
+#[repr(C, align(64))]
+struct Heap {
+    optical_depth: Column,
+    color: [Column; 3],
+    depth: Column,
+}
+
+/// What a point has in a slab where w = e^{−r/2} is 1.
+pub(crate) struct Grain {
+    pub(crate) optical_depth: f32,
+    /// Times the optical depth, as is z.
+    pub(crate) color: [f32; 3],
+    pub(crate) depth: f32,
+}
+
+impl Heap {
+    const NONE: Self = Self { optical_depth: [0.0; BATCH], color: [[0.0; BATCH]; 3], depth: [0.0; BATCH] };
 }
 
 impl SlabColumns {
@@ -39,6 +63,8 @@ impl SlabColumns {
         half: [0.0; BATCH],
         normal_part: [0.0; BATCH],
         narrow: 0,
+        points: 0,
+        in_slabs: [Heap::NONE; 2],
         begin: 0,
         end: 0,
     };
@@ -52,6 +78,17 @@ impl SlabColumns {
         (self.first[number], self.last[number]) = (first, last);
         self.begin = self.begin & !(1 << number) | u64::from(begin) << number;
         self.end = self.end & !(1 << number) | u64::from(end) << number;
+    }
+
+    /// What a point has in its first slab, or in the next.
+    #[inline(always)]
+    pub(crate) fn grain(&self, number: usize, slab: usize) -> Grain {
+        let Heap { optical_depth, color: [red, green, blue], depth } = &self.in_slabs[slab];
+        Grain {
+            optical_depth: optical_depth[number],
+            color: [red[number], green[number], blue[number]],
+            depth: depth[number],
+        }
     }
 
     /// See [`Spread`].
@@ -98,6 +135,11 @@ impl Kernels {
         let (depth, sigma_z) =
             (sixteen(simd, &outlines.depth, first), sixteen(simd, &outlines.sigma_z, first));
         let Distances { center, slope, sigma } = slabs.distances(simd, mean, (depth, slope, sigma_z));
+        let point = mask32x16::from_bitmask(simd, outlines.points >> first);
+        let slope = slope.each(
+            #[inline(always)]
+            |slope| point.select(W::simd_from(simd, 0.0), slope),
+        );
         let Spread { inverse, half, normal_part } = slabs.spread(simd, sigma);
         let per_pixel = inverse * (-1.0 / BOX);
         let SlabColumns {
@@ -120,6 +162,52 @@ impl Kernels {
         half.store_slice(&mut halves[range]);
         let wider = normal_part.simd_gt(W::simd_from(simd, 0.0)).to_bitmask();
         *narrow &= !(wider << first);
+        self.prepare_points(simd, slabs, first);
+    }
+
+    /// Finds what points among sixteen records have in their two slabs.
+    #[inline(always)]
+    fn prepare_points<S: Simd>(&mut self, simd: S, slabs: &Slabs, first: usize) {
+        let own = 0xffff << first;
+        let points = self.outlines.points & self.slabs.narrow & !self.opacities & own;
+        self.slabs.points = self.slabs.points & !own | points;
+        if points == 0 {
+            return;
+        }
+        let mut planes = [0.0; 16];
+        for (plane, slab) in planes.iter_mut().zip(&self.slabs.first[first..]) {
+            *plane = slabs.begin(slab + 1);
+        }
+        let (plane, thickness) = (W::simd_from(simd, planes), slabs.thickness());
+        let (distance, inverse) =
+            (sixteen(simd, &self.slabs.distance, first), sixteen(simd, &self.slabs.inverse, first));
+        let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
+        let amplitude = sixteen(simd, &self.amplitude, first);
+        let share =
+            ((plane - distance) * inverse).mul_add(W::simd_from(simd, 1.0 / BOX), W::simd_from(simd, 0.5));
+        let nearer = amplitude * share.max(zero).min(one);
+        // The mean z of what is in a slab is that of a box with the σ of the spread.
+        let half = W::simd_from(simd, 0.5 * BOX) / inverse;
+        let per_distance =
+            sixteen(simd, &self.outlines.depth, first) * 0.5 / distance.max(W::simd_from(simd, 1e-20));
+        let colors = sixteen_of(simd, &self.color, first);
+        let parts = [(nearer, plane - thickness), (amplitude - nearer, plane)];
+        for (heap, (optical_depth, begin)) in self.slabs.in_slabs.iter_mut().zip(parts) {
+            let end = begin + thickness;
+            let ends = (distance - half).max(begin).min(end) + (distance + half).max(begin).min(end);
+            let range = first..first + 16;
+            optical_depth.store_slice(&mut heap.optical_depth[range.clone()]);
+            (optical_depth * per_distance * ends).store_slice(&mut heap.depth[range.clone()]);
+            for (column, color) in heap.color.iter_mut().zip(colors) {
+                (optical_depth * color).store_slice(&mut column[range.clone()]);
+            }
+        }
+    }
+
+    /// w = e^{−r/2} of a point at pixels.
+    #[inline(always)]
+    pub(crate) fn point_weight<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
+        self.weight(simd, number, self.outlines.round_exponent(number, pixels))
     }
 
     /// The optical depth of a plain kernel that is spread as a box at pixels, and its share before a distance.

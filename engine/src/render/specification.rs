@@ -29,7 +29,7 @@ fn hit(record: &Record, u: DVec2) -> Hit {
     let rise = DVec2::from(record.depth_slope.map(f64::from)).dot(u);
     let (d, sigma_z) = (f64::from(record.depth), f64::from(record.sigma_z));
     let (r, z, scale) = match record.tag.form {
-        Form::Affine => (q, d + rise, 1.0),
+        Form::Point | Form::Affine => (q, d + rise, 1.0),
         Form::Exact => {
             let t = 1.0 - rise / d;
             let den = t * t + (sigma_z / d).powi(2) * q;
@@ -359,11 +359,11 @@ fn pictures_are_what_is_specified() {
     let usual = RenderSettings { tolerance: 1.0 / 255.0, background: [0.1, 0.2, 0.3, 1.0], ..fine };
     let opaque = || sheet(1.0, 35.0, 0.2);
     let two = || [sheet(0.5, -20.0, -0.4), opaque()];
-    let [affine, exact] = [FootprintForm::Affine, FootprintForm::Exact];
+    let forms = [FootprintForm::Point, FootprintForm::Affine, FootprintForm::Exact];
     let twelve: Vec<Cloud> = (0..12).map(|i| sheet(0.3, 25.0, 0.15 * f64::from(i) - 0.8)).collect();
     let with = |cloud: Cloud, sheets: &[Cloud]| [&[cloud], sheets].concat();
     let mut cases: Vec<(&str, Vec<Cloud>, Camera, RenderSettings)> = Vec::new();
-    for footprint in [affine, exact] {
+    for footprint in forms {
         let (fine, usual) = (RenderSettings { footprint, ..fine }, RenderSettings { footprint, ..usual });
         cases.extend([
             ("fog", vec![fog(0.01)], perspective, fine),

@@ -25,6 +25,8 @@ struct Bounds {
     attenuation: f64,
     /// Relative, of the squared longest half-axis and √|V|.
     curvature: f64,
+    /// Of the estimate of a point's error.
+    roundness: f64,
 }
 
 impl Bounds {
@@ -62,6 +64,7 @@ impl Bounds {
             integral: of_s + 2.0 * EPSILON * ratio * (1.0 + ray),
             attenuation: 3.5 * t * e / s + of_s,
             curvature: spread * t * slope / (zeta * zeta),
+            roundness: 8.0 * (e / t + EPSILON),
         }
     }
 }
@@ -100,6 +103,23 @@ pub(super) fn compare(
         return Err(format!("only {side} projection shows {:?}, {:?}", only.record, only.rect));
     };
     let (x, y) = (&a.record, &b.record);
+    if x.tag.form != y.tag.form {
+        // Both forms are right where the estimate meets its share of the tolerance.
+        let mut error = footprint.affine_error(setup.kind == 0, lens);
+        let mut slack = 0.01 * error + 2.0 * bounds.curvature.sqrt() + bounds.curvature + EPSILON;
+        if [x.tag.form, y.tag.form].contains(&Form::Point) {
+            error += footprint.roundness_error();
+            slack += 0.01 * error + bounds.roundness;
+        }
+        let off = (error - settings.tolerance / 4.0).abs();
+        return if off <= slack {
+            Ok(())
+        } else {
+            Err(format!("{:?} for {:?} at an error of {error:e}", x.tag, y.tag))
+        };
+    }
+    let is_point = y.tag.form == Form::Point;
+    let footprint = if is_point { footprint.round() } else { footprint };
     let close = |what: &str, x: f32, y: f32, bound: f64| {
         let error = (f64::from(x) - f64::from(y)).abs();
         let bound = bound + EPSILON * f64::from(y).abs();
@@ -120,17 +140,6 @@ pub(super) fn compare(
     close("depth", x.depth, y.depth, bounds.position)?;
     close("σ_z", x.sigma_z, y.sigma_z, bounds.sigma)?;
     close("distance", a.distance, b.distance, bounds.position)?;
-    if x.tag.form != y.tag.form {
-        // Both forms are right where the estimate meets its share of the tolerance.
-        let error = footprint.affine_error(setup.kind == 0, lens);
-        let slack = 0.01 * error + 2.0 * bounds.curvature.sqrt() + bounds.curvature + EPSILON;
-        let off = (error - settings.tolerance / 4.0).abs();
-        return if off <= slack {
-            Ok(())
-        } else {
-            Err(format!("{:?} for {:?} at an error of {error:e}", x.tag, y.tag))
-        };
-    }
     if x.tag != y.tag {
         return Err(format!("{:?} for {:?}", x.tag, y.tag));
     }

@@ -23,13 +23,14 @@ fn wide(level: Level, projector: &Projector, middle: Vec3, is_surface: bool) -> 
             let mut rects = [Rect::default(); CLUSTER_SIZE];
             let mut distances = [const { AtomicU32::new(0) }; CLUSTER_SIZE];
             let mut samples = [SurfaceSample::default(); LANES];
-            let mut run = Run::new(0);
+            let (mut run, mut forms) = (Run::new(0), [0; Form::ALL.len()]);
             let mut places = Places {
                 records: &mut records,
                 rects: &mut rects,
                 distances: &mut distances,
                 samples: &mut samples,
                 run: &mut run,
+                forms: &mut forms,
             };
             let range = VisibleRange::whole(0..count, middle, is_surface);
             wide.project(level, &range, &mut places);

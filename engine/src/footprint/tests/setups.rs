@@ -75,6 +75,7 @@ pub(super) fn setup() -> impl Strategy<Value = Setup> {
     let projection = prop_oneof![3 => Just(Projection::Perspective), 1 => Just(Projection::Orthographic)];
     let forms = prop_oneof![
         2 => Just(FootprintForm::Auto),
+        1 => Just(FootprintForm::Point),
         1 => Just(FootprintForm::Affine),
         1 => Just(FootprintForm::Exact)
     ];

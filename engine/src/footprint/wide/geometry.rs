@@ -11,8 +11,7 @@
 //! ```
 
 use super::{Rows, WideProjector};
-use crate::columns::{self, Factors, Lanes};
-use crate::scene::FootprintForm;
+use crate::columns::{Factors, Lanes};
 use crate::simd::*;
 use glam::Vec3;
 
@@ -36,7 +35,11 @@ pub(super) struct Footprints<S: Simd> {
     pub(super) unit_integral: V<S>,
     /// √(D₀(Σ)/D₀(Σ')).
     pub(super) attenuation: V<S>,
+    /// What points multiply amplitudes by, being rounder than they are; else 1.
+    pub(super) gain: V<S>,
+    /// Of the picture, V_xx and V_yy, and V_xy.
     pub(super) variance: [V<S>; 2],
+    pub(super) covariance: V<S>,
     /// Σ g_z v, Σ m² + h² Σ g_z² by axis, and Σ g_z².
     pub(super) along: [V<S>; 2],
     pub(super) minor: [V<S>; 2],
@@ -158,7 +161,9 @@ impl WideProjector<'_> {
             sigma_z: (volume * inverse_area).sqrt(),
             unit_integral: *inverse_z * *inverse_z * inverse_root * solid,
             attenuation: nn.sqrt() * inverse_root,
+            gain: splat(simd, 1.0),
             variance,
+            covariance: xy,
             along,
             minor: [0, 1].each(
                 #[inline(always)]
@@ -167,40 +172,6 @@ impl WideProjector<'_> {
             zz,
             is_simple,
         }
-    }
-
-    /// Where the exact form is needed.
-    #[inline(always)]
-    pub(super) fn needs_exact<S: Simd>(
-        &self,
-        simd: S,
-        placed: &Placed<S>,
-        footprints: &Footprints<S>,
-    ) -> M<S> {
-        let form = self.scalar.view.settings.footprint;
-        if !self.perspective || form != FootprintForm::Auto {
-            return M::splat(simd, self.perspective && form == FootprintForm::Exact);
-        }
-        let Footprints { along, depth_slope, sigma_z, variance, .. } = footprints;
-        let per_z = placed.inverse_z * placed.inverse_z;
-        let kappa2 =
-            (along[0].mul_add(depth_slope[0], along[1] * depth_slope[1]) * per_z).max(splat(simd, 0.0));
-        let lambda = sigma_z.mul_add(*sigma_z * per_z, kappa2);
-        let mut error = kappa2.sqrt().mul_add(splat(simd, 1.74), lambda * 1.1);
-        if self.scalar.columns.kind == columns::Kind::Extinction {
-            // |V| is small, so V can't be had from the root; its off-diagonal is −b/(a c²).
-            let [a, b, c] = footprints.conic_root;
-            let xy = -b / (a * c * c);
-            let inverse_length2 = splat(simd, 1.0) / dot(placed.ray, placed.ray);
-            let g = [0, 1].each(
-                #[inline(always)]
-                |i| placed.ray[i] * inverse_length2 * (1.0 / self.focal[i]),
-            );
-            let nu2 = (g[0] * g[0])
-                .mul_add(variance[0], (g[1] * g[1]).mul_add(variance[1], g[0] * g[1] * xy * 2.0));
-            error = nu2.max(splat(simd, 0.0)).sqrt().mul_add(splat(simd, 0.8), error);
-        }
-        error.simd_gt(splat(simd, self.tolerance / 4.0))
     }
 
     /// First and last pixels of the rectangles, along an axis.

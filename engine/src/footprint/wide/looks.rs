@@ -117,7 +117,7 @@ impl WideProjector<'_> {
             }
             columns::Kind::Opacity(filter) => {
                 let peak = match filter {
-                    OpacityFilter::Classic => strength,
+                    OpacityFilter::Classic => strength * footprints.gain,
                     OpacityFilter::Compensated => strength * footprints.attenuation,
                 };
                 let amplitude = peak.min(splat(simd, 1.0 - 1e-6));

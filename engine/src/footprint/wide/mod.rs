@@ -2,6 +2,7 @@
 //!
 //! A kernel that reaches the camera plane, or has no area that f32 can hold, is left to [`super::scalar`].
 
+mod forms;
 mod geometry;
 mod looks;
 mod write;
@@ -128,9 +129,11 @@ impl<'a> WideProjector<'a> {
             let block = first / LANES;
             let placed = self.place(simd, origin, from_middle);
             let colors = self.colors(simd, block, &placed, towards);
-            let footprints = self.footprints(simd, block, &placed);
+            let mut footprints = self.footprints(simd, block, &placed);
+            let forms = self.forms(simd, range.is_surface, &placed, &mut footprints);
             let looks = self.looks(simd, block, (&placed, &footprints), colors);
-            self.push(simd, (range, first, chosen), (&placed, &footprints, &looks), (out, &mut ends));
+            let seen = (&placed, &footprints, &looks, &forms);
+            self.push(simd, (range, first, chosen), seen, (out, &mut ends));
         }
         out.run.include([ends[0].reduce_min(), ends[1].reduce_max()]);
     }

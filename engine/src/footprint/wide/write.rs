@@ -1,9 +1,9 @@
 //! Which of eight splats are seen, and their records to the next places.
 
 use super::WideProjector;
+use super::forms::{Along, Forms};
 use super::geometry::{Footprints, Placed};
 use super::looks::Looks;
-use crate::closing::{Closing, Distances};
 use crate::columns::{self, LANES, Lanes};
 use crate::cull::{CLUSTER_SIZE, VisibleRange};
 use crate::footprint::record::{Form, Kind, Record, Rect, Tag};
@@ -17,6 +17,8 @@ pub(super) type Ends<S> = [V<S>; 2];
 struct Drawn<S: Simd> {
     visible: u32,
     exact: M<S>,
+    /// As bits.
+    forms: [u32; Form::ALL.len()],
     /// What they are sorted by.
     distance: V<S>,
     /// Of amplitudes, or the slabs.
@@ -31,10 +33,10 @@ impl WideProjector<'_> {
         &self,
         simd: S,
         (range, first, chosen): (&VisibleRange, usize, u32),
-        (placed, footprints, looks): (&Placed<S>, &Footprints<S>, &Looks<S>),
+        (placed, footprints, looks, forms): (&Placed<S>, &Footprints<S>, &Looks<S>, &Forms<S>),
         (out, ends): (&mut Places, &mut Ends<S>),
     ) {
-        let exact = self.needs_exact(simd, placed, footprints);
+        let Forms { point, exact, ref along } = *forms;
         let limits = (exact, looks.cutoff);
         let [left, right] = self.bounds(simd, 0, (placed, footprints), limits);
         let [top, bottom] = self.bounds(simd, 1, (placed, footprints), limits);
@@ -56,12 +58,20 @@ impl WideProjector<'_> {
             let (mut distance, mut slope) =
                 (if self.perspective { dot(placed.center, placed.center).sqrt() } else { z }, looks.slope);
             if !range.is_surface && closing.has_slabs() {
-                slope = self.slabs(simd, placed, footprints, exact);
+                slope = self.slabs(simd, placed, exact, along);
                 distance = slope[0];
             }
             ends[0] = seen.select(distance, ends[0]).min(ends[0]);
             ends[1] = seen.select(distance, ends[1]).max(ends[1]);
-            let drawn = Drawn { visible, exact, distance, slope, edges: [left, top, right, bottom] };
+            let [points, exacts] = [point, exact].each(
+                #[inline(always)]
+                |form| form.to_bitmask() as u32,
+            );
+            let forms = [points, !(points | exacts), exacts];
+            for (count, form) in out.forms.iter_mut().zip(forms) {
+                *count += (form & visible).count_ones();
+            }
+            let drawn = Drawn { visible, exact, forms, distance, slope, edges: [left, top, right, bottom] };
             self.write(simd, drawn, (placed, footprints, looks), out);
             if range.is_surface {
                 self.write_samples(simd, (range, first, visible), looks.normal, (start, out.samples));
@@ -75,28 +85,11 @@ impl WideProjector<'_> {
 
     /// The slabs that kernels may touch, first and last.
     #[inline(always)]
-    fn slabs<S: Simd>(
-        &self,
-        simd: S,
-        placed: &Placed<S>,
-        footprints: &Footprints<S>,
-        exact: M<S>,
-    ) -> [V<S>; 2] {
-        let closing = &self.scalar.view.closing;
-        let Closing::Slabs(slabs) = closing else {
-            let zero = splat(simd, 0.0);
-            return closing.numbers(simd, placed.center, (zero, zero, zero));
-        };
-        let Footprints { mean, depth_slope, sigma_z, conic_root, .. } = footprints;
-        let kernels = (placed.center[2], *depth_slope, *sigma_z);
-        let Distances { center, slope, sigma } = slabs.distances(simd, *mean, kernels);
-        // |M⁻ᵀ slope|² is the variance over the footprint.
-        let [a, b, c] = *conic_root;
-        let x = slope[0] * reciprocal(simd, a);
-        let y = (slope[1] - b * x) * reciprocal(simd, c);
-        let variance = x.mul_add(x, y * y);
+    fn slabs<S: Simd>(&self, simd: S, placed: &Placed<S>, exact: M<S>, along: &Along<S>) -> [V<S>; 2] {
+        let Along { distance, sigma, variance } = *along;
         let variance = exact.select(sigma.mul_add(sigma, variance), variance);
-        closing.numbers(simd, placed.center, (center, sigma, (variance * self.cutoff).sqrt()))
+        let reach = (variance * self.cutoff).sqrt();
+        self.scalar.view.closing.numbers(simd, placed.center, (distance, sigma, reach))
     }
 
     /// Projects what is left to the scalar projection; records keep the order of splats.
@@ -130,7 +123,7 @@ impl WideProjector<'_> {
         (placed, footprints, looks): (&Placed<S>, &Footprints<S>, &Looks<S>),
         out: &mut Places,
     ) {
-        let Drawn { visible, exact, distance, slope: other, edges } = drawn;
+        let Drawn { visible, exact, forms, distance, slope: other, edges } = drawn;
         let mut amplitude = looks.amplitude;
         let kind = match self.scalar.columns.kind {
             columns::Kind::Extinction => Kind::Extinction,
@@ -144,17 +137,23 @@ impl WideProjector<'_> {
         }
         let most = splat(simd, 1e20);
         amplitude = amplitude.max(-most).min(most);
-        let exact = exact.to_bitmask() as u32;
         let [mean, slope] = [footprints.mean, footprints.depth_slope];
         let [a, b, c] = footprints.conic_root;
-        let [red, green, blue] = looks.color;
+        let mut color = looks.color;
+        if self.scalar.view.settings.color_by_form {
+            for (channel, form) in color.iter_mut().zip(forms) {
+                let own = M::from_bitmask(simd, form.into());
+                *channel = own.select(splat(simd, 1.0), splat(simd, 0.0));
+            }
+        }
+        let [red, green, blue] = color;
         let quads = [
             rows(simd, [mean[0], mean[1], placed.center[2], amplitude]),
             rows(simd, [a, b, c, footprints.sigma_z]),
             rows(simd, [slope[0], slope[1], other[0], other[1]]),
             rows(simd, [red, green, blue, splat(simd, 0.0)]),
         ];
-        let tags = [Form::Affine, Form::Exact].map(|form| Tag { cloud: self.scalar.cloud_index, kind, form });
+        let tags = Form::ALL.map(|form| Tag { cloud: self.scalar.cloud_index, kind, form });
         let [left, top, right, bottom] = edges.each(
             #[inline(always)]
             |edge| edge.to_int::<i32x8<S>>(),
@@ -172,7 +171,7 @@ impl WideProjector<'_> {
                     |quad| &quad[lane],
                 ),
             );
-            out.records[place].tag = tags[(exact >> lane & 1) as usize];
+            out.records[place].tag = tags[((forms[1] >> lane & 1) | (forms[2] >> lane & 1) << 1) as usize];
             set_corners(&mut out.rects[place], corners[0][lane], corners[1][lane]);
             *out.distances[place].get_mut() = distance[lane].to_bits();
             next += (visible >> lane & 1) as usize;
