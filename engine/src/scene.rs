@@ -40,7 +40,8 @@ pub enum Light {
 /// Which form of the footprint is used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FootprintForm {
-    /// For each splat the cheapest form whose error stays within its share of the tolerance.
+    /// For each splat the cheapest form whose error stays within its share of the tolerance. In [`Order::PerPixel`] no kernel becomes a
+    /// point, since that order goes by slopes of depths, which points don't have.
     #[default]
     Auto,
     /// Every splat a point, as Yuan, Chen et al., *Hybrid Forward Resampling and Volume Rendering*, 2003, §4.1 accumulate those that are
