@@ -225,14 +225,14 @@ impl<'a> Projector<'a> {
         }
     }
 
-    /// What a kernel's share of what lies in its order changes by when the slope of its distance is left out: of slabs by the slope
-    /// over the footprint, E|x| = 0.798 of it, over their thickness at most; of single kernels by that of z over σ_z. Layers of surfaces
+    /// The error of leaving out the slope of a kernel's distance: of its share of a slab by that slope over the footprint, E|x| = 0.798 of
+    /// it, over the thickness at most. An order pixel by pixel is all about slopes, and the least may turn it round. Layers of surfaces
     /// follow planes, whose tilt points keep.
     fn slope_error(&self, footprint: &Footprint) -> f64 {
         match &self.view.closing {
             _ if matches!(self.columns.kind, columns::Kind::Surface(_)) => 0.0,
             Closing::Centers | Closing::Sheets(_) => 0.0,
-            Closing::PerPixel => 0.8 * footprint.spread_of(footprint.depth_slope) / footprint.sigma_z,
+            Closing::PerPixel => f64::INFINITY,
             Closing::Slabs(slabs) => {
                 let slope = dispatch!(simd::Level::Baseline, simd => {
                     let of = |x: f64| simd::splat(simd, x as f32);

@@ -52,12 +52,13 @@ fn the_estimate_bounds_what_roundness_changes() {
     }
 }
 
-/// A field of splats of mixed sizes, from a hundredth of a pixel to three.
+/// A field of splats of mixed sizes, from a hundredth of a pixel to three: balls and others, or discs and ellipses.
 fn field(kind: Kind, count: usize, peak: f32) -> Cloud {
     let splats: Vec<_> = (0..count)
         .map(|index| {
             let size = (0.01 * 300f64.powf(spread(index, 0.819_173))) as f32 * PIXEL;
-            let axes = Vec3::new(1.0, 1.0 - 0.9 * spread(index, 0.31) as f32, spread(index, 0.47) as f32);
+            let own = Vec3::new(1.0, 1.0 - 0.9 * spread(index, 0.31) as f32, spread(index, 0.47) as f32);
+            let axes = if index % 2 == 0 { Vec3::ONE } else { own };
             let flat = if kind == Kind::Surface { Vec3::new(1.0, 1.0, 0.0) } else { Vec3::ONE };
             (place(index).as_vec3(), turned(index) * Mat3::from_diagonal(axes * flat * size))
         })
@@ -102,11 +103,14 @@ fn points_are_within_the_share_of_the_tolerance() {
                     );
                     // So far away that perspective bends no splat.
                     assert_eq!([none[0], none[2], forms[2]], [0; 3], "affine is what is asked for");
-                    // Pixel by pixel the least slope may change an order.
-                    let least = if order == Order::PerPixel { 1 } else { 100 };
-                    assert!(forms[0] >= least && forms[1] >= 100, "{kind:?}, {order:?}: {forms:?}");
+                    // That order goes by slopes of depths, which points don't have.
+                    let has_points = kind == Kind::Surface || order != Order::PerPixel;
+                    let points_expected = if has_points { 100..4000 } else { 0..1 };
+                    assert!(points_expected.contains(&forms[0]), "{kind:?}, {order:?}: {forms:?}");
+                    // Opacities end where they fall below the tolerance: one that ends in a pixel is that much.
+                    let of_ends = if let Kind::Opacity(_) = kind { tolerance } else { 0.0 };
                     assert!(
-                        difference <= tolerance / 4.0,
+                        difference <= tolerance / 4.0 + of_ends,
                         "{kind:?}, {projection:?}, {order:?}: {difference}"
                     );
                 }

