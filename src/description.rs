@@ -109,8 +109,8 @@ pub(crate) struct PictureOptions {
     /// Colour behind the scene, sRGB in hexadecimal, with alpha or without [default: 202020]
     #[arg(long, value_name = "RGB[A]")]
     pub(crate) background: Option<Rgba>,
-    /// Form of the footprints: EWA's affine approximation, exact perspective, or for each splat the
-    /// cheapest that is accurate enough [default: auto]
+    /// Form of the footprints: round points, EWA's affine approximation, exact perspective, or for each splat
+    /// the cheapest that is accurate enough [default: auto]
     #[arg(long)]
     pub(crate) footprint: Option<Footprint>,
     /// Variance of the low-pass filter in squared pixels [default: 0.3]
@@ -129,6 +129,10 @@ pub(crate) struct PictureOptions {
     /// closer to the exact picture and slower. Asks for slabs where --order is auto [default: 2]
     #[arg(long, value_name = "X", allow_hyphen_values = true)]
     pub(crate) slab_thickness: Option<f64>,
+    /// What the picture shows: the scene; or each splat in the colour of its footprint's form, points red, affine
+    /// ones green, exact ones blue [default: scene]
+    #[arg(long)]
+    pub(crate) show: Option<Show>,
     /// Largest error of a channel that is aimed at, where white is 1: a fraction or a number. All that saves
     /// work keeps to a share of it [default: 1/255]
     #[arg(long, value_name = "X", allow_hyphen_values = true)]
@@ -167,6 +171,7 @@ impl PictureOptions {
             slab_thickness: self
                 .slab_thickness
                 .or(under.slab_thickness.filter(|_| self.order.is_none_or(OrderMode::may_be_slabs))),
+            show: self.show.or(under.show),
             tolerance: self.tolerance.or(under.tolerance),
             // Levels are what a budget is kept with: who turns them off leaves it behind.
             budget: self.budget.or(under.budget.filter(|_| self.level_of_detail != Some(false))),
@@ -209,6 +214,7 @@ impl PictureOptions {
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Footprint {
     Auto,
+    Point,
     Affine,
     Exact,
 }
@@ -217,10 +223,19 @@ impl From<Footprint> for FootprintForm {
     fn from(choice: Footprint) -> Self {
         match choice {
             Footprint::Auto => Self::Auto,
+            Footprint::Point => Self::Point,
             Footprint::Affine => Self::Affine,
             Footprint::Exact => Self::Exact,
         }
     }
+}
+
+/// `--show`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Show {
+    Scene,
+    Forms,
 }
 
 /// `--blend`.

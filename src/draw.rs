@@ -1,6 +1,6 @@
 //! A scene to a frame, once or many times.
 
-use crate::description::{PictureOptions, Reference};
+use crate::description::{PictureOptions, Reference, Show};
 use crate::notation::Rgba;
 use crate::progress::Console;
 use crate::stats::{FrameTimes, StageClock};
@@ -48,6 +48,7 @@ impl Drawing {
                 level_of_detail: options.level_of_detail.unwrap_or(defaults.level_of_detail),
                 budget: options.budget,
                 occlusion: options.occlusion.unwrap_or(defaults.occlusion),
+                color_by_form: options.show == Some(Show::Forms),
                 channels,
                 ..defaults
             },

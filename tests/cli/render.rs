@@ -104,7 +104,7 @@ fn statistics_are_one_json_object() {
     assert_eq!((number("threads"), number("late")), (2.0, 0.0));
     // A whole cube, of which nothing stands for others.
     let forms = ["point", "affine", "exact"].map(|form| stats["forms"][form].as_f64().unwrap());
-    assert!(forms.iter().sum::<f64>() <= number("visible"), "{out}");
+    assert_eq!(forms.iter().sum::<f64>(), number("visible"), "{out}");
     assert_eq!((number("culled"), number("merged")), (0.0, 0.0));
     assert!(number("occluded") < number("splats"));
     let stages = stats["stages_ms"].as_object().unwrap();
@@ -117,6 +117,26 @@ fn statistics_are_one_json_object() {
 
     draw(&place, &["--stats", "stats.json", "--surfels", "500"]);
     let _: Value = serde_json::from_slice(&std::fs::read(place.path("stats.json")).unwrap()).unwrap();
+}
+
+#[test]
+fn forms_are_counted_and_shown() {
+    let place = Workplace::new();
+    place.ball();
+    let ball = ["render", "ball_16x16x16_uint8.raw", "--transfer", "grey", "--size", "24x24", "--stats", "-"];
+    let colors = ["--show", "forms", "--background", "000000"];
+    for (number, form) in ["point", "affine", "exact"].into_iter().enumerate() {
+        let [out, _] = place.run(&[&ball[..], &colors[..], &["--footprint", form]].concat());
+        let stats: Value = serde_json::from_str(&out).unwrap();
+        assert_eq!(stats["forms"][form], stats["visible"], "{stats}");
+        // Points are red, affine splats green, exact ones blue.
+        let picture = levels(&place.path("oblate.png"));
+        let lit = picture.pixels().filter(|p| p[number] > 64).count();
+        assert!(lit > 40, "{form}: {lit}");
+        for other in (0..3).filter(|other| *other != number) {
+            assert!(picture.pixels().all(|p| p[other] == 0), "{form}");
+        }
+    }
 }
 
 #[test]
