@@ -30,7 +30,7 @@ pub(super) fn coarser(below: &Level) -> Level {
     let count = columns.len.div_ceil(CHILDREN);
     let merged = |number: usize| {
         let least = families(number).map(|index| below.need(index)).fold(0.0, f32::max);
-        Merged::new(columns, &Family::new(columns, families(number)), (families(number).start, least))
+        Merged::new(columns, &Family::new(columns, families(number)), least)
     };
     let merged: Vec<Merged> = (0..count).into_par_iter().with_min_len(FAMILIES_A_TASK).map(merged).collect();
     let column = |value: fn(&Merged) -> f32| merged.iter().map(value).collect::<Vec<f32>>();
@@ -83,8 +83,8 @@ pub(super) fn coarser(below: &Level) -> Level {
 const FAMILIES_A_TASK: usize = 256;
 
 impl Merged {
-    /// The splat for a family, whose members need `least` at most, from the cloud's splat `first` on.
-    fn new(columns: &Columns, family: &Family, (first, least): (usize, f32)) -> Self {
+    /// The splat for a family whose members need `least` at most.
+    fn new(columns: &Columns, family: &Family, least: f32) -> Self {
         let covariance = family.covariance();
         let (normals, strength, factor);
         match columns.kind {
@@ -119,7 +119,7 @@ impl Merged {
         } else {
             family.mean(|m| m.color).as_vec3().to_array()
         };
-        let terms = Terms::new(columns, family, (first, normals, strength));
+        let terms = Terms::new(columns, family, (normals, strength));
         Self {
             center: family.center.as_vec3(),
             factor: factor.as_mat3(),
