@@ -7,7 +7,8 @@
 //! the squared weights of Gaussian footprints.
 //!
 //! The factors are fitted: pictures of volumes and surfaces with and without levels, from 1 to 1/16 of their size.
-//! Random signs would ask for 0.7 of a dipole and 0.2 of a third moment; neighbours of real scenes cancel better.
+//! Random signs would ask for 0.7 of a dipole and 0.2 of a third moment; neighbours of real scenes cancel better. Lattices don't:
+//! the factor of fourth cumulants is that of a plane's coverage where levels meet.
 
 use super::family::{Family, eigenvalues, frobenius_squared, outer};
 use crate::cloud::{Material, OpacityFilter};
@@ -21,11 +22,13 @@ const DIPOLE: f64 = 0.05;
 const TURNING: f64 = 0.35;
 /// Of third moments, by 1/σ³, and fourth cumulants, by 1/σ⁴.
 const THIRD: f64 = 0.02;
-const FOURTH: f64 = 0.02;
+const FOURTH: f64 = 0.2;
 /// Of the spread of colours where the front hides the rest, which no distance changes.
 const HIDDEN: f64 = 4.0;
 /// Of the spread of normals: light on both sides is no linear function of them.
 const SHADING: f64 = 0.2;
+/// Of the part of a family's area that its vector area lacks: 1 − |N|/Σa, all of it for the two sides of a thin body.
+const LOST: f64 = 1.0;
 /// Of the part of a bent family that a silhouette loses: √(1 − |N|/Σa) of its length, by 1/σ.
 const BEND: f64 = 1.0;
 /// Of τ²: what overlaps hides itself, but one splat's opacity is a sum.
@@ -117,6 +120,7 @@ impl Terms {
         };
         if is_surface {
             let lost = (1.0 - strength / family.weight.max(f64::MIN_POSITIVE)).max(0.0);
+            terms.random[0] = LOST * lost;
             terms.bend = BEND * 2.0 * (trace(family.between) * lost).sqrt();
         } else {
             let hidden = (depth / lateral.max(f64::MIN_POSITIVE)).min(1.0);
