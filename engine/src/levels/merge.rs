@@ -30,7 +30,7 @@ pub(super) fn coarser(below: &Level) -> Level {
     let count = columns.len.div_ceil(CHILDREN);
     let merged = |number: usize| {
         let least = families(number).map(|index| below.need(index)).fold(0.0, f32::max);
-        Merged::new(columns, &Family::new(columns, families(number)), (families(number).start, least))
+        Merged::new(columns, &Family::new(columns, families(number)), least)
     };
     let merged: Vec<Merged> = (0..count).into_par_iter().with_min_len(FAMILIES_A_TASK).map(merged).collect();
     let column = |value: fn(&Merged) -> f32| merged.iter().map(value).collect::<Vec<f32>>();
@@ -83,10 +83,11 @@ pub(super) fn coarser(below: &Level) -> Level {
 const FAMILIES_A_TASK: usize = 256;
 
 impl Merged {
-    /// The splat for a family, whose members need `least` at most, from the cloud's splat `first` on.
-    fn new(columns: &Columns, family: &Family, (first, least): (usize, f32)) -> Self {
+    /// The splat for a family whose members need `least` at most.
+    fn new(columns: &Columns, family: &Family, least: f32) -> Self {
         let covariance = family.covariance();
-        let (normals, strength, factor);
+        let (strength, factor);
+        let mut normals;
         match columns.kind {
             Kind::Extinction => {
                 normals = turned(family, |m| m.normal);
@@ -100,13 +101,14 @@ impl Merged {
                 factor = lower_factor(covariance);
             }
             Kind::Surface(SurfaceKind { closed, .. }) => {
-                normals = [0, 1, 2, 3].map(|i| family.members().get(i).map_or(DVec3::ZERO, |m| m.normal));
-                let sides = if closed {
-                    family.mean(|m| m.shape_normal)
-                } else {
-                    let turned = turned(family, |m| m.shape_normal);
-                    family.members().iter().zip(turned).map(|(m, normal)| m.share * normal).sum()
-                };
+                // A sheet has no front; a closed surface has, and its normals are on that side.
+                let own = |m: &Member| m.shape_normal;
+                let shapes = if closed { each(family, own) } else { turned(family, own) };
+                let sides: DVec3 = family.members().iter().zip(shapes).map(|(m, n)| m.share * n).sum();
+                normals = each(family, |m| m.normal);
+                for ((normal, shape), m) in normals.iter_mut().zip(shapes).zip(family.members()) {
+                    *normal *= if shape.dot(m.shape_normal) < 0.0 { -1.0 } else { 1.0 };
+                }
                 strength = family.weight * sides.length();
                 factor = facing_factor(covariance, sides.normalize_or(DVec3::Z));
             }
@@ -119,7 +121,7 @@ impl Merged {
         } else {
             family.mean(|m| m.color).as_vec3().to_array()
         };
-        let terms = Terms::new(columns, family, (first, normals, strength));
+        let terms = Terms::new(columns, family, (normals, strength));
         Self {
             center: family.center.as_vec3(),
             factor: factor.as_mat3(),
@@ -130,6 +132,12 @@ impl Merged {
             need: terms.need().max(least),
         }
     }
+}
+
+fn each(family: &Family, vector: impl Fn(&Member) -> DVec3) -> [DVec3; CHILDREN] {
+    let mut vectors = [DVec3::ZERO; CHILDREN];
+    vectors.iter_mut().zip(family.members()).for_each(|(place, member)| *place = vector(member));
+    vectors
 }
 
 /// Vectors of which it doesn't matter which way they point, pointing the same way; the others are zero.

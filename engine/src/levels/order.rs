@@ -56,7 +56,7 @@ mod tests {
     #[test]
     fn only_the_last_cells_are_not_full() {
         assert_eq!([1, 4].map(left_part), [None; 2]);
-        assert_eq!([5, 8, 9, 16, 17, 64, 100, 4096].map(left_part), [4, 4, 4, 8, 16, 32, 32, 2048].map(Some));
+        assert_eq!([5, 8, 9, 16, 17, 64, 100, 4096].map(left_part), [4, 4, 4, 8, 16, 32, 64, 2048].map(Some));
         for count in 5..300 {
             let mut sizes = vec![count];
             let mut at = 0;

@@ -1,0 +1,159 @@
+//! Pictures with levels of detail beside those of a cloud's own splats.
+
+#![allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
+
+#[path = "../scenes/mod.rs"]
+mod scenes;
+
+use glam::{DVec3, Mat3, Vec3};
+use oblate_engine::{
+    Camera, Cloud, Counts, Frame, Material, Observer, RenderSettings, Scene, Shapes, render,
+};
+use scenes::*;
+use std::sync::Mutex;
+
+/// Counts what is drawn.
+#[derive(Default)]
+struct Drawn(Mutex<Counts>);
+
+impl Observer for Drawn {
+    fn counts(&self, counts: Counts) {
+        *self.0.lock().unwrap() = counts;
+    }
+}
+
+/// The picture with levels or without, and the number of splats in it.
+fn draw_with(cloud: &Cloud, camera: &Camera, settings: RenderSettings) -> (Frame, u64) {
+    let drawn = Drawn::default();
+    let scene = Scene { clouds: vec![cloud.clone()], lights: Vec::new() };
+    let frame = render(&scene, camera, &settings, &drawn).unwrap();
+    (frame, drawn.0.into_inner().unwrap().visible)
+}
+
+fn both(cloud: &Cloud, camera: &Camera, settings: RenderSettings) -> [(Frame, u64); 2] {
+    [false, true]
+        .map(|level_of_detail| draw_with(cloud, camera, RenderSettings { level_of_detail, ..settings }))
+}
+
+/// A cloud in compact order, with levels.
+fn with_levels(cloud: Cloud) -> Cloud {
+    Cloud::new(cloud.splats().in_morton_order()).unwrap().with_levels()
+}
+
+/// A ball of kernels whose colours change from end to end.
+fn ball(side: usize) -> Cloud {
+    let spacing = 2.0 / side as f32;
+    let at = |i: usize| (i as f32 + 0.5) * spacing - 1.0;
+    let lattice =
+        (0..side * side * side).map(|i| Vec3::new(at(i % side), at(i / side % side), at(i / side / side)));
+    let centers: Vec<Vec3> = lattice.filter(|p| p.length() < 1.0).collect();
+    let mut splats =
+        kernels(centers, Mat3::from_diagonal(Vec3::splat(0.7 * spacing)), 2.0 * spacing.powi(3), [0.5; 3])
+            .splats();
+    splats.colors = splats.centers.iter().map(|p| (p * 0.4 + 0.5).to_array()).collect();
+    with_levels(Cloud::new(splats).unwrap())
+}
+
+/// A sphere with broad stripes.
+fn striped(count: usize) -> Cloud {
+    let mut splats = sphere(count, 1.0, [0.5; 3]).splats();
+    splats.colors =
+        splats.centers.iter().map(|p| (0.5 + 0.3 * (3.0 * *p).map(f32::sin)).to_array()).collect();
+    splats.material = Material::default();
+    with_levels(Cloud::new(splats).unwrap())
+}
+
+/// The error of a channel that 99.9 % of the pixels that show anything keep, and the largest.
+fn errors(on: &Frame, off: &Frame) -> [f64; 2] {
+    let shows = |c: &[f32; 4]| c[3] > 0.0;
+    let pairs = on.color.iter().zip(&off.color).filter(|(a, b)| shows(a) || shows(b));
+    let largest =
+        |a: &[f32; 4], b: &[f32; 4]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    let mut all: Vec<f32> = pairs.map(|(a, b)| largest(a, b)).collect();
+    all.sort_by(f32::total_cmp);
+    [all[all.len() * 999 / 1000], all[all.len() - 1]].map(f64::from)
+}
+
+fn energy(frame: &Frame) -> f64 {
+    frame.color.iter().flat_map(|c| &c[..3]).map(|c| f64::from(*c)).sum()
+}
+
+#[test]
+fn pictures_keep_the_tolerance_with_fewer_splats() {
+    for (name, cloud) in [("ball", ball(64)), ("sphere", striped(150_000))] {
+        for (distance, levels) in [(5.0, 1.0), (40.0, 1.0), (40.0, 8.0), (160.0, 2.0)] {
+            let camera = looking_from(DVec3::new(0.3, 0.5, -0.8).normalize() * distance, 400);
+            let settings = RenderSettings { tolerance: levels / 255.0, ..RenderSettings::default() };
+            let [(off, all), (on, drawn)] = both(&cloud, &camera, settings);
+            let [most, largest] = errors(&on, &off);
+            println!(
+                "{name} from {distance}, {levels}/255: {drawn} of {all}, {most:.1e}, at most {largest:.1e}"
+            );
+            assert!(most <= settings.tolerance, "{name} from {distance}: off by {most}");
+            assert!(distance < 100.0 || 4 * drawn < all, "{name} from {distance}: {drawn} of {all}");
+        }
+    }
+}
+
+#[test]
+fn far_clouds_keep_their_light() {
+    for (name, cloud) in [("ball", ball(48)), ("sphere", striped(100_000))] {
+        for i in 0..12 {
+            let i = f64::from(i);
+            let toward = DVec3::new(i.sin(), (2.3 * i).cos(), (1.7 * i).cos()).normalize();
+            let camera = looking_from(toward * (20.0 + 15.0 * i), 128);
+            let settings = RenderSettings { shade: false, ..RenderSettings::default() };
+            let [(off, _), (on, _)] = both(&cloud, &camera, settings);
+            let error = energy(&on) / energy(&off) - 1.0;
+            assert!(error.abs() < 1e-3, "{name} from {toward}: {error}");
+        }
+    }
+}
+
+#[test]
+fn a_plane_stays_one_at_every_zoom() {
+    let cloud = with_levels(plane(256, 0.01, [0.2, 0.5, 0.8]));
+    for distance in [2.0, 5.0, 12.0, 40.0] {
+        let camera = looking_from(DVec3::new(0.2, 0.3, -1.0).normalize() * distance, 256);
+        for tolerance in [1.0 / 255.0, 8.0 / 255.0] {
+            let [(off, _), (on, drawn)] = both(&cloud, &camera, RenderSettings { tolerance, ..unshaded() });
+            // Away from its border.
+            let inside = |i: &usize| off.color[*i][3] > 0.999;
+            let least = (0..off.color.len()).filter(inside).map(|i| on.color[i][3]).fold(1.0, f32::min);
+            println!("from {distance}: {drawn} splats, coverage {least}");
+            assert!(least > 1.0 - tolerance as f32, "from {distance}: coverage {least}");
+        }
+    }
+}
+
+#[test]
+fn a_budget_is_kept() {
+    let cloud = ball(48);
+    let camera = camera(6.0, 128);
+    // The last level is one cluster.
+    for budget in [1024, 5000, 20_000] {
+        let settings = RenderSettings { budget: Some(budget), ..RenderSettings::default() };
+        let (frame, drawn) = draw_with(&cloud, &camera, settings);
+        assert!(drawn as usize <= budget && drawn > 0, "{drawn} of {budget}");
+        let off = draw_with(
+            &cloud,
+            &camera,
+            RenderSettings { level_of_detail: false, ..RenderSettings::default() },
+        );
+        // Few splats are a blur, but as bright.
+        let error = energy(&frame) / energy(&off.0) - 1.0;
+        assert!(error.abs() < 0.1, "{budget}: {error}");
+    }
+}
+
+#[test]
+fn shared_shapes_and_coincident_splats_are_drawn() {
+    let mut splats =
+        kernels(vec![Vec3::ZERO; 100_000], Mat3::from_diagonal(Vec3::splat(0.1)), 1e-6, [0.5; 3]).splats();
+    assert!(matches!(splats.shapes, Shapes::Shared(_)));
+    splats.centers[7] = Vec3::X * 0.01;
+    let cloud = Cloud::new(splats).unwrap().with_levels();
+    let [(off, all), (on, drawn)] = both(&cloud, &camera(4.0, 64), RenderSettings::default());
+    let [_, largest] = errors(&on, &off);
+    assert!(largest < 1.0 / 255.0 && 50 * drawn < all, "{largest}, {drawn} of {all}");
+}
