@@ -76,7 +76,8 @@ pub(super) fn coarser(below: &Level) -> Level {
     for cluster in &mut clusters {
         cluster.needs = range_of(needs[cluster.splats.clone()].iter().copied());
     }
-    Level { columns: above, clusters, median_sigma: None, needs: Some(Column::new(needs, |need| [*need])) }
+    let median_sigma = above.median_sigma();
+    Level { columns: above, clusters, median_sigma, needs: Some(Column::new(needs, |need| [*need])) }
 }
 
 /// The least number of families that a thread merges at a time.
