@@ -20,9 +20,10 @@ use std::f64::consts::TAU;
 const DIPOLE: f64 = 0.05;
 /// The same for normals, whose change of a radian changes the light by its diffuse and glossy parts.
 const TURNING: f64 = 0.35;
-/// Of third moments, by 1/σ³, and fourth cumulants, by 1/σ⁴.
+/// Of third moments, by 1/σ³.
 const THIRD: f64 = 0.02;
-const FOURTH: f64 = 0.2;
+/// Of fourth cumulants, by 1/σ⁴, of volumes and of surfaces, where nothing else lies behind.
+const FOURTH: [f64; 2] = [0.02, 0.3];
 /// Of the spread of colours where the front hides the rest, which no distance changes.
 const HIDDEN: f64 = 4.0;
 /// Of the spread of normals: light on both sides is no linear function of them.
@@ -112,7 +113,7 @@ impl Terms {
                 0.0,
                 DIPOLE * dipole + TURNING * turning,
                 THIRD * third.sqrt() * channel,
-                FOURTH * fourth * channel,
+                FOURTH[usize::from(is_surface)] * fourth * channel,
             ],
             bend: 0.0,
             overlap: 0.0,
