@@ -60,14 +60,12 @@ impl Guess {
         };
         let coverages = ranges.par_iter().zip(&mut *bounds).map(coverage);
         coverages.collect_into_vec(&mut self.coverages);
-        let is_covered = tuned();
         let mut hidden = Vec::new();
         for (rank, (coverage, bounds)) in self.coverages.iter().zip(bounds).enumerate() {
-            let Bounds { pixels, near, nearest_centers, far, .. } = bounds;
+            let Bounds { pixels, near, middle, radius, .. } = &*bounds;
             let [columns, rows] = squares(pixels, CELL);
             let row = |row: usize| row * self.columns[0] + columns.start..row * self.columns[0] + columns.end;
-            let hides =
-                |[covered, farthest]: &[f32; 2]| *covered >= is_covered && *nearest_centers > *farthest;
+            let hides = |[covered, farthest]: &[f32; 2]| *covered >= COVERED && middle - radius > *farthest;
             let is_turned_away = *near == f32::INFINITY;
             if is_turned_away || rows.clone().all(|y| self.cells[row(y)].iter().all(hides)) {
                 hidden.push(rank as u32);
@@ -75,9 +73,9 @@ impl Guess {
             }
             for y in rows {
                 for [covered, farthest] in &mut self.cells[row(y)] {
-                    if *covered < is_covered {
+                    if *covered < COVERED {
                         *covered += coverage;
-                        *farthest = farthest.max(*far);
+                        *farthest = farthest.max(middle + radius);
                     }
                 }
             }
@@ -99,7 +97,7 @@ impl Guess {
         for (place, [covered, farthest]) in self.cells.iter().enumerate() {
             let [x, y] = [place % cell_columns / cells_a_tile, place / cell_columns / cells_a_tile];
             let behind = &mut self.tiles[y * tile_columns + x][1];
-            *behind = behind.max(if *covered >= tuned() { *farthest } else { f32::INFINITY });
+            *behind = behind.max(if *covered >= COVERED { *farthest } else { f32::INFINITY });
         }
         let coverage = |(range, bounds): (&VisibleRange, &Bounds)| {
             let depth = optical_area(sight, &scene.clouds[range.cloud], range) / -spent.ln();
@@ -151,10 +149,6 @@ fn surface_area(sight: &Sight, cloud: &Cloud, range: &VisibleRange, spent: f64) 
     let area: f64 = sampled(range).map(|block| facing.area(block, ray, opaque)).sum();
     let share = range.splats.len() as f64 / (LANES * sampled(range).count()).max(1) as f64;
     area * share * pixels_at(sight, range.center_in_camera)
-}
-
-fn tuned() -> f32 {
-    std::env::var("OCC_T").ok().and_then(|t| t.parse().ok()).unwrap_or(COVERED)
 }
 
 /// The optical depth of a range, summed over pixels.

@@ -158,17 +158,6 @@ impl Occlusion {
             let mut found = found.iter();
             self.left_out[kind].retain(|_| found.next().is_some_and(Option::is_none));
         }
-        if std::env::var("OCC_DEBUG").is_ok() {
-            eprintln!(
-                "round {}: missing {} {}, left {} {}, tiles {}",
-                self.rounds,
-                self.next[0].len(),
-                self.next[1].len(),
-                self.left_out[0].len(),
-                self.left_out[1].len(),
-                self.changed.iter().filter(|c| **c).count()
-            );
-        }
         self.next.iter().any(|next| !next.is_empty())
     }
 

@@ -11,7 +11,7 @@ fn haze(dims: [usize; 3], z: f64, extinction: f64) -> Cloud {
 }
 
 fn screen(z: f64) -> Cloud {
-    in_order(&plane(120, 0.02, [0.9, 0.5, 0.1]))
+    in_order(&plane(200, 0.02, [0.9, 0.5, 0.1]))
         .transformed(DAffine3::from_translation(DVec3::new(0.0, 0.0, z)))
 }
 
@@ -31,8 +31,8 @@ fn a_volume_before_within_and_behind_a_surface() {
 
 #[test]
 fn a_sphere_in_fog_and_fog_in_a_sphere() {
-    for (radius, least) in [(0.4, 1000), (1.3, 50_000)] {
-        let clouds = [haze([50; 3], 0.0, 2.0), in_order(&sphere(60_000, radius, [0.8, 0.3, 0.2]))];
+    for (radius, least) in [(0.4, 1000), (1.5, 45_000)] {
+        let clouds = [haze([30; 3], 0.0, 2.0), in_order(&sphere(60_000, radius, [0.8, 0.3, 0.2]))];
         for camera in [camera(6.0, 160), camera(0.2, 160), looking_from(DVec3::new(1.2, 0.9, -0.4), 160)] {
             let (_, [all, rest]) = alike(&clouds, &camera, &unshaded());
             println!("radius {radius}: {} of {} left out", rest.occluded, all.visible);
