@@ -13,8 +13,9 @@ use crate::scene::Scene;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-/// A square that is covered as many times on average is taken for opaque.
-const COVERED: f32 = 0.85;
+/// A square that is covered as many times is taken for opaque: the rectangle of a patch has twice its area, and where neighbours
+/// don't overlap it the patch counts alone.
+const COVERED: f32 = 0.45;
 
 /// Volumes vary more from place to place.
 const FILLED: f32 = 4.0;
