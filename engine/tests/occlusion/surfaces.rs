@@ -9,8 +9,7 @@ use oblate_engine::{Camera, Cloud, Pose, RenderSettings, Renderer, Scene, Streng
 fn nested(count: usize, closed: bool) -> Vec<Cloud> {
     (0..6)
         .map(|i| {
-            let radius = 0.75_f32.powi(i);
-            let count = (count as f32 * radius * radius) as usize;
+            let radius = 0.7_f32.powi(i);
             let mut splats =
                 sphere(count, radius, [0.9 - 0.15 * i as f32, 0.1 + 0.15 * i as f32, 0.4]).splats();
             if let Strength::Surface(surface) = &mut splats.strength {
@@ -50,7 +49,7 @@ fn parallel(size: u32) -> Camera {
 #[test]
 fn most_of_nested_spheres_is_left_out() {
     for closed in [true, false] {
-        let clouds = nested(120_000, closed);
+        let clouds = nested(80_000, closed);
         let mut cameras = vec![camera(4.2, 256), parallel(256)];
         // Seen from within there is less to hide.
         let inside = [looking_from(DVec3::new(0.2, 0.1, -0.93), 256)];
@@ -60,7 +59,7 @@ fn most_of_nested_spheres_is_left_out() {
             let left_out = 1.0 - rest.visible as f64 / all.visible as f64;
             println!("closed: {closed}, camera {number}: {left_out:.3} of {} left out", all.visible);
             assert!(frame.color[128 * 256 + 128][3] > 0.9);
-            // The outer one of the six spheres, which is seen, has 45 % of the surfels.
+            // Clusters are large here: what is near the outer one of the six spheres is drawn, too.
             assert!(left_out > if number < 2 { 0.3 } else { 0.0 }, "{left_out}");
         }
     }
@@ -80,9 +79,9 @@ fn a_hole_of_a_pixel_shows_what_is_far_behind() {
         clouds
     };
     let (closed, [all, rest]) = alike(&walls(&|_, _| false), &camera, &unshaded());
-    assert!(rest.occluded > all.visible / 3, "{} of {}", rest.occluded, all.visible);
+    assert!(rest.occluded > all.visible / 8, "{} of {}", rest.occluded, all.visible);
     let (open, [all, rest]) = alike(&walls(&hole), &camera, &unshaded());
-    assert!(rest.occluded > all.visible / 3, "{} of {}", rest.occluded, all.visible);
+    assert!(rest.occluded > all.visible / 8, "{} of {}", rest.occluded, all.visible);
     let greenest =
         |frame: &oblate_engine::Frame| frame.color.iter().map(|c| c[1] - c[0]).fold(-1.0, f32::max);
     // Beside the silhouettes of the first wall others are seen, which are smaller in the picture: nowhere here.
@@ -128,7 +127,7 @@ fn rows_of_spheres_at_the_borders_of_the_picture() {
 
 #[test]
 fn the_picture_is_the_same_for_any_number_of_threads_and_side_of_tiles() {
-    let clouds = nested(80_000, true);
+    let clouds = nested(60_000, true);
     let scene = Scene { clouds, lights: Vec::new() };
     let draw = |threads: usize, side: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
