@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 /// A square that is covered as many times is taken for opaque: rectangles of patches are larger than they, and sheets are
 /// uneven in this measure.
-const COVERED: f32 = 0.7;
+const COVERED: f32 = 0.4;
 
 /// How far splats of a range are before and behind its middle, in its radius.
 const DEEP: f32 = 0.75;

@@ -68,14 +68,20 @@ fn most_of_nested_spheres_is_left_out() {
 #[test]
 fn a_hole_of_a_pixel_shows_what_is_far_behind() {
     let camera = camera(4.0, 256);
-    // A pixel's width where the wall is; surfels are half as wide.
+    // Surfels are 3/4 of a pixel apart and reach into the hole: about a pixel of it stays open.
     let pixel = camera.pixel_width_at(4.0) as f32;
     let half = 40.0 * pixel;
     let hole =
-        |x: f32, y: f32| (x - 0.5 * pixel).abs() < 0.8 * pixel && (y + 3.5 * pixel).abs() < 0.8 * pixel;
+        |x: f32, y: f32| (x - 0.5 * pixel).abs() < 1.6 * pixel && (y + 3.5 * pixel).abs() < 1.6 * pixel;
     let walls = |is_open: &dyn Fn(f32, f32) -> bool| {
         let mut clouds = vec![wall(0.0, 1.5 * half, [0.9, 0.1, 0.1], is_open)];
-        clouds.extend((1..8).map(|i| wall(0.5 * i as f32, half, [0.1, 0.9, 0.1], |_, _| false)));
+        clouds.extend((1..8).map(|i| {
+            let z = 0.5 * i as f32;
+            // The hole goes on through all but the last one.
+            let along = |x: f32, y: f32| is_open(x * 4.0 / (4.0 + z), y * 4.0 / (4.0 + z));
+            let [red, green] = [[0.9, 0.1, 0.1], [0.1, 0.9, 0.1]];
+            if i < 7 { wall(z, half, red, along) } else { wall(z, half, green, |_, _| false) }
+        }));
         clouds
     };
     let (closed, [all, rest]) = alike(&walls(&|_, _| false), &camera, &unshaded());
@@ -84,8 +90,7 @@ fn a_hole_of_a_pixel_shows_what_is_far_behind() {
     assert!(rest.occluded > all.visible / 8, "{} of {}", rest.occluded, all.visible);
     let greenest =
         |frame: &oblate_engine::Frame| frame.color.iter().map(|c| c[1] - c[0]).fold(-1.0, f32::max);
-    // Beside the silhouettes of the first wall others are seen, which are smaller in the picture: nowhere here.
-    assert!(greenest(&closed) < 0.0, "{}", greenest(&closed));
+    assert!(greenest(&closed) <= 0.0, "{}", greenest(&closed));
     assert!(greenest(&open) > 0.1, "{}", greenest(&open));
 }
 
