@@ -8,7 +8,7 @@ use crate::camera::{Camera, Projection};
 use crate::cloud::Cloud;
 use crate::columns::{CHILDREN, Kind, LANES};
 use crate::footprint::{CameraSplat, Lens};
-use crate::levels::{Level, allowance, frobenius};
+use crate::levels::{Level, allowance};
 use crate::scene::{RenderSettings, Scene};
 use glam::{DAffine3, DMat3, DVec3, DVec4, Vec3};
 use std::ops::Range;
@@ -182,8 +182,7 @@ fn find_visible(
             pixel_filter,
             allowance: allowance(settings.tolerance) * widening / largest_stretch(cloud_to_camera.matrix3),
             cutoff: settings.cutoff,
-            // The Frobenius norm bounds how far the transform stretches anything.
-            stretch: frobenius(cloud_to_camera.matrix3),
+            stretch: largest_stretch(cloud_to_camera.matrix3),
             cloud_to_camera,
         };
         let top = if settings.level_of_detail { cloud.levels().len() - 1 } else { 0 };

@@ -38,7 +38,8 @@ impl Stage {
     }
 
     /// Whether it runs tile by tile on many threads at once: then `begin` and `end` come in pairs on each
-    /// of those threads. The other stages report once, from the thread that draws.
+    /// of those threads. The other stages report once a round, from the thread that draws: a frame
+    /// has more than one where something that seemed hidden is not.
     pub fn is_per_tile(self) -> bool {
         self >= Self::Layers
     }

@@ -331,8 +331,9 @@ impl Drawn {
         } else {
             self.order.resize_with(distances.len().max(self.order.len()), AtomicU32::default);
             for run in runs {
-                for place in run.start..run.start + run.len {
-                    self.order[place].store(distances[place].load(Relaxed), Relaxed);
+                let places = run.start..run.start + run.len;
+                for (kept, distance) in self.order[places.clone()].iter().zip(&distances[places]) {
+                    kept.store(distance.load(Relaxed), Relaxed);
                 }
             }
             &self.order

@@ -33,10 +33,9 @@ pub(super) struct Bounds {
     pub(super) area: f64,
     /// z from which on they may be seen; of surfaces, where the span of their first sample may begin.
     pub(super) near: f32,
-    /// The same of surfels that face the viewer.
-    pub(super) nearest_centers: f32,
-    /// The farthest z of their centres.
-    pub(super) far: f32,
+    /// z of the middle, and how far centres are from it.
+    pub(super) middle: f32,
+    pub(super) radius: f32,
     /// How far from the eye, or its plane where rays are parallel, the nearest centre is; or the nearest slab that a kernel touches.
     pub(super) distance: f32,
 }
@@ -113,20 +112,15 @@ impl Bounds {
         let is_in_slabs = !range.is_surface && sight.thickness > 0.0;
         let within_slabs =
             if is_in_slabs { (SLAB_REACH + sight.root_cutoff) * filtered + sight.thickness } else { 0.0 };
-        let far = center.z + radius;
-        let (near, nearest_centers) = if range.is_surface {
-            let flat = nearest - (SURFEL_REACH + sight.root_cutoff) * filtered;
-            (flat - sight.plane_reach(far), flat)
-        } else {
-            let near = nearest - (KERNEL_REACH + sight.root_cutoff) * filtered;
-            (near, near)
-        };
+        let beyond = if range.is_surface { SURFEL_REACH } else { KERNEL_REACH } + sight.root_cutoff;
+        let plane = if range.is_surface { sight.plane_reach(center.z + radius) } else { 0.0 };
+        let near = nearest - beyond * filtered - plane;
         Self {
             pixels,
             area: (high - low).element_product(),
             near: (near - slack) as f32,
-            nearest_centers: (nearest_centers - slack) as f32,
-            far: far as f32,
+            middle: center.z as f32,
+            radius: radius as f32,
             distance: range.distances[0] - (within_slabs + slack) as f32,
         }
     }

@@ -13,8 +13,12 @@ use crate::scene::Scene;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-/// A square that is covered as many times on average is taken for opaque.
-const COVERED: f32 = 0.85;
+/// A square that is covered as many times is taken for opaque: rectangles of patches are larger than they, and sheets are
+/// uneven in this measure.
+const COVERED: f32 = 0.4;
+
+/// How far splats of a range are before and behind its middle, in its radius.
+const DEEP: f32 = 0.75;
 
 /// Volumes vary more from place to place.
 const FILLED: f32 = 4.0;
@@ -27,20 +31,37 @@ const SAMPLED: usize = 4;
 pub(super) struct Guess {
     side: usize,
     columns: [usize; 2],
-    /// Of cells: how often they are covered, and the farthest z of what does it.
+    /// Of cells: how often they are covered, and the sum of the z where that is done, by how much. A few ranges reach far
+    /// beyond most of their splats: the mean doesn't go by them.
     cells: Vec<[f32; 2]>,
     /// Of tiles: how often they are filled by volumes, and the z from which on all of their cells are covered.
     tiles: Vec<[f32; 2]>,
-    coverages: Vec<f32>,
+    /// By which each range adds to them, of surfaces and of volumes.
+    coverages: [Vec<f32>; 2],
 }
 
 impl Guess {
     pub(super) fn begin(&mut self, looked: &Looked) {
         (self.side, self.columns) = (looked.side(), looked.columns());
         self.cells.clear();
-        self.cells.resize(looked.cells(), [0.0, f32::NEG_INFINITY]);
+        self.cells.resize(looked.cells(), [0.0; 2]);
         self.tiles.clear();
         self.tiles.resize(looked.tiles(), [0.0, f32::NEG_INFINITY]);
+    }
+
+    /// Whether a surface that is missing from some cells is to be drawn next: not while nearer ones cover all of these
+    /// `enough` times.
+    pub(super) fn admits(
+        &mut self,
+        rank: u32,
+        cells: impl Iterator<Item = usize> + Clone,
+        enough: f32,
+    ) -> bool {
+        if cells.clone().all(|cell| self.cells[cell][0] >= enough) {
+            return false;
+        }
+        cells.for_each(|cell| self.cells[cell][0] += self.coverages[0][rank as usize]);
+        true
     }
 
     /// The surfaces that seem to be hidden, of ranges from near to far.
@@ -59,25 +80,24 @@ impl Guess {
             (area / bounds.area.max(1.0)) as f32
         };
         let coverages = ranges.par_iter().zip(&mut *bounds).map(coverage);
-        coverages.collect_into_vec(&mut self.coverages);
-        let is_covered = tuned();
+        coverages.collect_into_vec(&mut self.coverages[0]);
         let mut hidden = Vec::new();
-        for (rank, (coverage, bounds)) in self.coverages.iter().zip(bounds).enumerate() {
-            let Bounds { pixels, near, nearest_centers, far, .. } = bounds;
+        for (rank, (coverage, bounds)) in self.coverages[0].iter().zip(bounds).enumerate() {
+            let Bounds { pixels, near, middle, radius, .. } = &*bounds;
+            let [front, back] = [middle - DEEP * radius, middle + DEEP * radius];
             let [columns, rows] = squares(pixels, CELL);
             let row = |row: usize| row * self.columns[0] + columns.start..row * self.columns[0] + columns.end;
-            let hides =
-                |[covered, farthest]: &[f32; 2]| *covered >= is_covered && *nearest_centers > *farthest;
+            let hides = |[covered, depths]: &[f32; 2]| *covered >= COVERED && front * covered > *depths;
             let is_turned_away = *near == f32::INFINITY;
             if is_turned_away || rows.clone().all(|y| self.cells[row(y)].iter().all(hides)) {
                 hidden.push(rank as u32);
                 continue;
             }
             for y in rows {
-                for [covered, farthest] in &mut self.cells[row(y)] {
-                    if *covered < is_covered {
+                for [covered, depths] in &mut self.cells[row(y)] {
+                    if *covered < COVERED {
                         *covered += coverage;
-                        *farthest = farthest.max(*far);
+                        *depths += coverage * back;
                     }
                 }
             }
@@ -96,16 +116,16 @@ impl Guess {
             return Vec::new();
         }
         let (cells_a_tile, [cell_columns, tile_columns]) = (self.side / CELL, self.columns);
-        for (place, [covered, farthest]) in self.cells.iter().enumerate() {
+        for (place, [covered, depths]) in self.cells.iter().enumerate() {
             let [x, y] = [place % cell_columns / cells_a_tile, place / cell_columns / cells_a_tile];
             let behind = &mut self.tiles[y * tile_columns + x][1];
-            *behind = behind.max(if *covered >= tuned() { *farthest } else { f32::INFINITY });
+            *behind = behind.max(if *covered >= COVERED { depths / covered } else { f32::INFINITY });
         }
         let coverage = |(range, bounds): (&VisibleRange, &Bounds)| {
             let depth = optical_area(sight, &scene.clouds[range.cloud], range) / -spent.ln();
             (depth / bounds.area.max(1.0)) as f32
         };
-        ranges.par_iter().zip(bounds).map(coverage).collect_into_vec(&mut self.coverages);
+        ranges.par_iter().zip(bounds).map(coverage).collect_into_vec(&mut self.coverages[1]);
         let mut order: Vec<u32> = (0..ranges.len() as u32).collect();
         order.par_sort_by(|a, b| {
             let distance = |rank: &u32| bounds[*rank as usize].distance;
@@ -122,7 +142,7 @@ impl Guess {
                 continue;
             }
             for tile in tiles() {
-                self.tiles[tile][0] += self.coverages[rank as usize];
+                self.tiles[tile][0] += self.coverages[1][rank as usize];
             }
         }
         hidden.sort_unstable();
@@ -151,10 +171,6 @@ fn surface_area(sight: &Sight, cloud: &Cloud, range: &VisibleRange, spent: f64) 
     let area: f64 = sampled(range).map(|block| facing.area(block, ray, opaque)).sum();
     let share = range.splats.len() as f64 / (LANES * sampled(range).count()).max(1) as f64;
     area * share * pixels_at(sight, range.center_in_camera)
-}
-
-fn tuned() -> f32 {
-    std::env::var("OCC_T").ok().and_then(|t| t.parse().ok()).unwrap_or(COVERED)
 }
 
 /// The optical depth of a range, summed over pixels.

@@ -97,22 +97,28 @@ impl Looked {
         })
     }
 
-    /// Marks the tiles of a rectangle of pixels where surfaces, or volumes, from a z and a distance on change anything.
-    pub(super) fn mark(&self, (pixels, is_volume): (&Rect, bool), from: [f32; 2], tiles: &mut [bool]) {
-        let [columns, rows] = squares(pixels, if is_volume { self.side } else { CELL });
-        for row in rows {
-            for column in columns.clone() {
-                let (tile, is_hidden) = if is_volume {
-                    let tile = row * self.columns[1] + column;
-                    (tile, hides_kernel(&self.kernels[tile], from))
-                } else {
-                    let cells = self.side / CELL;
-                    let depth = &self.layers[row * self.columns[0] + column];
-                    (row / cells * self.columns[1] + column / cells, read(depth) < from[0])
-                };
-                tiles[tile] |= !is_hidden;
-            }
-        }
+    /// The cells of a rectangle of pixels where surfaces from a z on take part in layers.
+    pub(super) fn cells_that_show(
+        &self,
+        pixels: &Rect,
+        near: f32,
+    ) -> impl Iterator<Item = usize> + Clone + '_ {
+        let [columns, rows] = squares(pixels, CELL);
+        let cells = rows.flat_map(move |row| columns.clone().map(move |x| row * self.columns[0] + x));
+        cells.filter(move |cell| read(&self.layers[*cell]) >= near)
+    }
+
+    /// The tile that a cell is in.
+    pub(super) fn tile_of(&self, cell: usize) -> usize {
+        let cells = self.side / CELL;
+        cell / self.columns[0] / cells * self.columns[1] + cell % self.columns[0] / cells
+    }
+
+    /// The tiles of a rectangle of pixels where kernels from a z and from a distance on are needed.
+    pub(super) fn tiles_that_show(&self, pixels: &Rect, from: [f32; 2]) -> impl Iterator<Item = usize> + '_ {
+        let [columns, rows] = squares(pixels, self.side);
+        let tiles = rows.flat_map(move |row| columns.clone().map(move |x| row * self.columns[1] + x));
+        tiles.filter(move |tile| !hides_kernel(&self.kernels[*tile], from))
     }
 }
 

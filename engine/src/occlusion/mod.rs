@@ -129,6 +129,9 @@ impl Occlusion {
         let sight = visible.sight();
         self.rounds += 1;
         let takes_all = self.rounds >= MOST_ROUNDS;
+        // Where a tile has holes what is behind them is not added all at once.
+        let enough = (1_u32 << self.rounds) as f32;
+        self.guess.begin(&self.looked);
         self.changed.fill(false);
         for kind in 0..2 {
             let (bounds, looked, ranges) = (&self.bounds[kind], &self.looked, &ranges[kind]);
@@ -148,26 +151,23 @@ impl Occlusion {
             };
             let found: Vec<Option<f32>> = self.left_out[kind].par_iter().map(find).collect();
             self.next[kind].clear();
-            for (rank, near) in self.left_out[kind].iter().zip(&found) {
-                let Some(near) = *near else { continue };
-                self.next[kind].push(*rank);
+            let mut found = found.into_iter();
+            self.left_out[kind].retain(|rank| {
+                let Some(Some(near)) = found.next() else { return true };
                 let bounds = &self.bounds[kind][*rank as usize];
-                let from = [near, bounds.distance];
-                self.looked.mark((&bounds.pixels, kind == 1), from, &mut self.changed);
-            }
-            let mut found = found.iter();
-            self.left_out[kind].retain(|_| found.next().is_some_and(Option::is_none));
-        }
-        if std::env::var("OCC_DEBUG").is_ok() {
-            eprintln!(
-                "round {}: missing {} {}, left {} {}, tiles {}",
-                self.rounds,
-                self.next[0].len(),
-                self.next[1].len(),
-                self.left_out[0].len(),
-                self.left_out[1].len(),
-                self.changed.iter().filter(|c| **c).count()
-            );
+                if kind == 1 {
+                    let tiles = self.looked.tiles_that_show(&bounds.pixels, [near, bounds.distance]);
+                    tiles.for_each(|tile| self.changed[tile] = true);
+                } else {
+                    let cells = self.looked.cells_that_show(&bounds.pixels, near);
+                    if !takes_all && !self.guess.admits(*rank, cells.clone(), enough) {
+                        return true;
+                    }
+                    cells.for_each(|cell| self.changed[self.looked.tile_of(cell)] = true);
+                }
+                self.next[kind].push(*rank);
+                false
+            });
         }
         self.next.iter().any(|next| !next.is_empty())
     }
