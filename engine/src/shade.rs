@@ -31,6 +31,23 @@ struct Highlight<F> {
     per_length: F,
 }
 
+/// The mean of max(n·l, 0) over normals on the viewer's side whose mean, as axes, has this length, along a cosine with l; `facing` is
+/// the cosine between l and the eye.
+///
+/// It is half the sum of the means of |n·l| and of n·l. Normals spread evenly around their mean have a mean square across it of
+/// s = (1 − E cos²)/2, with E cos² = 1 − 2(1 − R) + 4(1 − R)²/3: right to first order for alike ones, and for axes from everywhere, where R
+/// is ½. The mean of |n·l| is the root of the mean square, less by up to 13 %.
+#[inline(always)]
+fn mean_cosine<S: Simd, F: Floats<S>>(simd: S, length: F, cosine: F, facing: F) -> F {
+    let (zero, half, one) = (F::simd_from(simd, 0.0), F::simd_from(simd, 0.5), F::simd_from(simd, 1.0));
+    let lost = one - length.max(half).min(one);
+    let across = lost * lost.mul_add(F::simd_from(simd, -2.0 / 3.0), one);
+    let square = (cosine * cosine).mul_add(across.mul_add(F::simd_from(simd, -3.0), one), across);
+    let either = across.mul_add(F::simd_from(simd, -0.402), one) * square.max(zero).sqrt();
+    let signed = lost.mul_add(F::simd_from(simd, -2.0), one) * cosine + lost * facing;
+    length.simd_gt(zero).select(((either + signed) * 0.5).max(zero), zero)
+}
+
 impl Shader {
     pub(crate) fn new(scene: &Scene, camera: &Camera, material: Material) -> Self {
         let world_to_camera = camera.pose().world_to_camera;
@@ -83,7 +100,16 @@ impl Shader {
                 Source::Towards(direction, color) => (direction, color),
                 Source::At(place, color) => ((place - position).normalize_or_zero(), color),
             };
-            let cosine = normal.dot(towards);
+            let length = normal.length();
+            let cosine = if length < 1.0 {
+                dispatch!(Level::Baseline, simd => {
+                    let [length, cosine, facing] =
+                        [length, per_length * normal.dot(towards), to_eye.dot(towards)].map(|x| splat(simd, x));
+                    mean_cosine(simd, length, cosine, facing).reduce_max()
+                })
+            } else {
+                normal.dot(towards)
+            };
             if cosine > 0.0 {
                 light += color * (diffuse * cosine);
                 let half = (towards + to_eye).normalize_or_zero();
@@ -150,12 +176,16 @@ impl Shader {
         }
         let cosine = dot(normal, self.to_eye_wide(simd, position));
         let turned = cosine.simd_lt(splat(simd, 0.0));
-        let highlight = if are_means { self.highlight_wide(simd, normal) } else { self.highlight(simd) };
-        let normal = normal.each(
+        let seen = normal.each(
             #[inline(always)]
             |n| turned.select(-n, n),
         );
-        self.shade_with(simd, base, (normal, highlight), position)
+        if are_means {
+            let highlight = self.highlight_wide(simd, normal);
+            self.shade_with::<S, V<S>, true>(simd, base, (seen, highlight), position)
+        } else {
+            self.shade_with::<S, V<S>, false>(simd, base, (seen, self.highlight(simd)), position)
+        }
     }
 
     /// Whether lights that come from somewhere matter.
@@ -188,11 +218,12 @@ impl Shader {
         normal: [F; 3],
         position: [F; 3],
     ) -> [F; 3] {
-        self.shade_with(simd, base, (normal, self.highlight(simd)), position)
+        self.shade_with::<S, F, false>(simd, base, (normal, self.highlight(simd)), position)
     }
 
+    /// Normals are shorter than 1 if they are `MEANS`.
     #[inline(always)]
-    fn shade_with<S: Simd, F: Floats<S>>(
+    fn shade_with<S: Simd, F: Floats<S>, const MEANS: bool>(
         &self,
         simd: S,
         base: [F; 3],
@@ -217,7 +248,13 @@ impl Shader {
                     }
                 };
                 let zero = F::simd_from(simd, 0.0);
-                let cosine = dot(normal, towards).max(zero);
+                let cosine = if MEANS {
+                    let length = dot(normal, normal).sqrt();
+                    let cosine = dot(normal, towards) * own.per_length;
+                    mean_cosine(simd, length, cosine, dot(towards, to_eye))
+                } else {
+                    dot(normal, towards).max(zero)
+                };
                 let half = normalize_or_zero(
                     simd,
                     [0, 1, 2].each(

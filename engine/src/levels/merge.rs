@@ -10,7 +10,7 @@ use glam::{DMat3, DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
 /// A splat that stands for a family.
-struct Merged {
+pub(super) struct Merged {
     center: Vec3,
     factor: Mat3,
     strength: f32,
@@ -84,6 +84,11 @@ pub(super) fn coarser(below: &Level) -> Level {
 const FAMILIES_A_TASK: usize = 256;
 
 impl Merged {
+    /// The share of a family that has normals.
+    pub(super) fn lit_share(family: &Family) -> f64 {
+        family.members().iter().filter(|m| m.normal != DVec3::ZERO).map(|m| m.share).sum()
+    }
+
     /// The splat for a family whose members need `least` at most.
     fn new(columns: &Columns, family: &Family, least: f32) -> Self {
         let covariance = family.covariance();
@@ -114,7 +119,12 @@ impl Merged {
                 factor = facing_factor(covariance, sides.normalize_or(DVec3::Z));
             }
         }
-        let normal: DVec3 = family.members().iter().zip(normals).map(|(m, normal)| m.share * normal).sum();
+        let mut normal: DVec3 =
+            family.members().iter().zip(normals).map(|(m, normal)| m.share * normal).sum();
+        if !matches!(columns.kind, Kind::Surface(_)) {
+            // Short normals are means of many; what has none, and returns no light, has no part in it.
+            normal /= Self::lit_share(family).max(f64::MIN_POSITIVE);
+        }
         let color = if matches!(columns.kind, Kind::Opacity(_)) {
             // Trained colours are mixed as they are seen.
             let encoded = family.mean(|m| m.color.map(|c| f64::from(linear_to_srgb(c as f32))));
