@@ -10,7 +10,7 @@ use crate::columns::{CHILDREN, Kind, LANES};
 use crate::footprint::{CameraSplat, Lens};
 use crate::levels::{Level, allowance};
 use crate::scene::{RenderSettings, Scene};
-use glam::{DAffine3, DMat3, DVec3, DVec4, Vec3};
+use glam::{DAffine3, DMat3, DVec2, DVec3, DVec4, Vec3};
 use std::ops::Range;
 
 /// Splats a cluster.
@@ -228,6 +228,27 @@ pub(crate) fn find_affordable(
 /// The widest filter that a budget may ask for, as a power of two, and how often it is halved to fit.
 const WIDEST: f64 = 40.0;
 const BISECTIONS: usize = 8;
+
+/// How many pixels the rectangle around all ranges has, at most.
+pub(crate) fn touched_pixels<'a>(camera: &Camera, ranges: impl Iterator<Item = &'a VisibleRange>) -> f64 {
+    let size = camera.size().map(f64::from);
+    let intrinsics = camera.intrinsics();
+    let perspective = camera.projection() == Projection::Perspective;
+    let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+    for VisibleRange { center_in_camera: center, reach, .. } in ranges {
+        if perspective && center.z <= 2.0 * reach {
+            return size[0] * size[1];
+        }
+        // A sphere is seen between slopes that differ from its middle's by at most this.
+        let scale = intrinsics.focal / if perspective { center.z - reach } else { 1.0 };
+        let (middle, half) = (center.truncate() * scale, scale * reach);
+        let nearer = if perspective { middle.abs() * (reach / center.z) } else { DVec2::ZERO };
+        low = low.min(intrinsics.center + middle - half - nearer);
+        high = high.max(intrinsics.center + middle + half + nearer);
+    }
+    let inside = |end: DVec2| end.clamp(DVec2::ZERO, DVec2::from(size));
+    (inside(high) - inside(low)).max(DVec2::ZERO).element_product()
+}
 
 /// At most how many times longer a vector gets; exact where proportions are kept.
 fn largest_stretch(m: DMat3) -> f64 {

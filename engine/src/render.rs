@@ -5,7 +5,7 @@ use crate::bin::TileLists;
 use crate::camera::Camera;
 use crate::closing::Closing;
 use crate::composite::{Compositor, KernelBuffers, Runs};
-use crate::cull::{VisibleRange, find_affordable};
+use crate::cull::{VisibleRange, find_affordable, touched_pixels};
 use crate::cuts::Cuts;
 use crate::footprint::{Lens, Records, SceneView};
 use crate::frame::{Channels, Frame, FrameRows};
@@ -40,9 +40,14 @@ pub fn render(
     Ok(renderer.into_frame())
 }
 
+/// Tiles that what is seen is in at least, as far as tiles can be small.
+const LEAST_TILES: usize = 64;
+
 /// Draws frame after frame, and keeps its buffers from one to the next.
 pub struct Renderer {
     level: Level,
+    largest_tile_side: usize,
+    /// Of this frame.
     tile_side: usize,
     visible: [Vec<VisibleRange>; 2],
     occlusion: Occlusion,
@@ -89,7 +94,8 @@ impl Renderer {
         Self::with(Level::best(), 32)
     }
 
-    /// A renderer that uses the instructions of a level and tiles of the given side in pixels: 8, 16 or 32. A level that
+    /// A renderer that uses the instructions of a level and tiles of the given side in pixels, 8, 16 or 32, or smaller ones in a
+    /// picture of few. A level that
     /// the processor lacks is [`Level::Baseline`]. Pictures differ by rounding, and by what is left out behind the opaque, a
     /// quarter of the tolerance at most.
     ///
@@ -99,6 +105,7 @@ impl Renderer {
         assert!([8, 16, 32].contains(&tile_side), "tiles have a side of 8, 16 or 32 pixels, not {tile_side}");
         Self {
             level,
+            largest_tile_side: tile_side,
             tile_side,
             visible: [Vec::new(), Vec::new()],
             occlusion: Occlusion::default(),
@@ -130,6 +137,7 @@ impl Renderer {
         // The colours of forms are shown as they are.
         let settings = &RenderSettings { shade: settings.shade && !settings.color_by_form, ..*settings };
         let culled = watched(observer, Stage::Cull, || self.cull(scene, camera, settings));
+        self.tile_side = self.choose_tile_side(camera);
         let closing = Closing::new(scene, camera, settings, &self.visible[1])?;
         let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
         let (occlusion, side) = (&mut self.occlusion, self.tile_side);
@@ -185,6 +193,17 @@ impl Renderer {
         // Near surfaces hide far ones: what comes first is drawn first.
         surfaces.sort_by(|a, b| a.distances[0].total_cmp(&b.distances[0]));
         culled
+    }
+
+    /// Smaller tiles where all that is seen lies in a few: threads take tiles.
+    fn choose_tile_side(&self, camera: &Camera) -> usize {
+        let pixels = touched_pixels(camera, self.visible.iter().flatten());
+        let is_too_large = |side: &usize| pixels < ((LEAST_TILES * side * side) as f64);
+        [32, 16]
+            .into_iter()
+            .filter(|side| *side <= self.largest_tile_side)
+            .find(|side| !is_too_large(side))
+            .unwrap_or(8)
     }
 
     /// Readies what the rounds of a frame share.
