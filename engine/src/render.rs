@@ -46,9 +46,9 @@ const LEAST_TILES: usize = 64;
 /// Draws frame after frame, and keeps its buffers from one to the next.
 pub struct Renderer {
     level: Level,
-    largest_tile_side: usize,
-    /// Of this frame.
     tile_side: usize,
+    /// Whether the side is chosen for each frame.
+    chooses_tiles: bool,
     visible: [Vec<VisibleRange>; 2],
     occlusion: Occlusion,
     shaders: Vec<Shader>,
@@ -89,13 +89,12 @@ impl Default for Renderer {
 }
 
 impl Renderer {
-    /// A renderer for this processor.
+    /// A renderer for this processor, with tiles as large as there are enough of in what is seen.
     pub fn new() -> Self {
-        Self::with(Level::best(), 32)
+        Self { chooses_tiles: true, ..Self::with(Level::best(), 32) }
     }
 
-    /// A renderer that uses the instructions of a level and tiles of the given side in pixels, 8, 16 or 32, or smaller ones in a
-    /// picture of few. A level that
+    /// A renderer that uses the instructions of a level and tiles of the given side in pixels: 8, 16 or 32. A level that
     /// the processor lacks is [`Level::Baseline`]. Pictures differ by rounding, and by what is left out behind the opaque, a
     /// quarter of the tolerance at most.
     ///
@@ -105,8 +104,8 @@ impl Renderer {
         assert!([8, 16, 32].contains(&tile_side), "tiles have a side of 8, 16 or 32 pixels, not {tile_side}");
         Self {
             level,
-            largest_tile_side: tile_side,
             tile_side,
+            chooses_tiles: false,
             visible: [Vec::new(), Vec::new()],
             occlusion: Occlusion::default(),
             shaders: Vec::new(),
@@ -137,7 +136,9 @@ impl Renderer {
         // The colours of forms are shown as they are.
         let settings = &RenderSettings { shade: settings.shade && !settings.color_by_form, ..*settings };
         let culled = watched(observer, Stage::Cull, || self.cull(scene, camera, settings));
-        self.tile_side = self.choose_tile_side(camera);
+        if self.chooses_tiles {
+            self.tile_side = self.choose_tile_side(camera);
+        }
         let closing = Closing::new(scene, camera, settings, &self.visible[1])?;
         let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
         let (occlusion, side) = (&mut self.occlusion, self.tile_side);
@@ -199,11 +200,7 @@ impl Renderer {
     fn choose_tile_side(&self, camera: &Camera) -> usize {
         let pixels = touched_pixels(camera, self.visible.iter().flatten());
         let is_too_large = |side: &usize| pixels < ((LEAST_TILES * side * side) as f64);
-        [32, 16]
-            .into_iter()
-            .filter(|side| *side <= self.largest_tile_side)
-            .find(|side| !is_too_large(side))
-            .unwrap_or(8)
+        [32, 16].into_iter().find(|side| !is_too_large(side)).unwrap_or(8)
     }
 
     /// Readies what the rounds of a frame share.
