@@ -175,7 +175,6 @@ impl Renderer {
             forms: std::array::from_fn(|form| surfaces[form] + volumes[form]),
             fragments: sum(0),
             late: sum(1),
-            ..Counts::default()
         });
         Ok(&self.frame)
     }

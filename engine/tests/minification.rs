@@ -133,7 +133,9 @@ fn a_dolly_changes_no_more_than_the_exact_picture() {
                     cameras.iter().map(|camera| render(scene, camera, &settings, &()).unwrap()).collect();
                 let found = changes(&drawn).into_iter().fold(0.0, f64::max);
                 println!("{name}, {start}, {levels} levels: {found:.4}, exact {largest:.4}");
-                assert!(found <= 2.0 * largest, "{name} at {start}: {found}, exact {largest}");
+                // Levels have a quarter of the tolerance for themselves, which shows where hardly anything changes.
+                let bound = 2.0 * largest + settings.tolerance / 4.0;
+                assert!(found <= bound, "{name} at {start}: {found}, exact {largest}");
             }
         }
     }

@@ -29,9 +29,9 @@ const HIDDEN: f64 = 4.0;
 /// Of the spread of normals: light on both sides is no linear function of them.
 const SHADING: f64 = 0.2;
 /// Of the part of a family's area that its vector area lacks: 1 − |N|/Σa, all of it for the two sides of a thin body.
-const LOST: f64 = 1.0;
+const LOST: f64 = 4.0;
 /// Of the part of a bent family that a silhouette loses: √(1 − |N|/Σa) of its length, by 1/σ.
-const BEND: f64 = 1.0;
+const BEND: f64 = 8.0;
 /// Of τ²: what overlaps hides itself, but one splat's opacity is a sum.
 const OVERLAP: f64 = 0.15;
 /// Sub-pixel splats of [`OpacityFilter::Classic`] are not dimmed, so that nothing can stand for them. They are merged only to
