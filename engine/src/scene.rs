@@ -135,7 +135,7 @@ pub struct RenderSettings {
     pub level_of_detail: bool,
     /// The picture is drawn with at most as many splats, as far as clouds have levels: the best that can be had.
     pub budget: Option<usize>,
-    /// Whether what is hidden is left out before it is projected.
+    /// Whether what is hidden is left out before it is projected: where much is, that is quicker; elsewhere slower.
     pub occlusion: bool,
     /// Whether splats are shown in the colour of their footprint's form, unshaded: points red, affine green, exact blue.
     pub color_by_form: bool,
@@ -157,7 +157,7 @@ impl Default for RenderSettings {
             cutoff: 12.25,
             level_of_detail: true,
             budget: None,
-            occlusion: true,
+            occlusion: false,
             color_by_form: false,
             channels: Channels::All,
         }
