@@ -138,7 +138,7 @@ fn the_picture_is_the_same_for_any_number_of_threads_and_side_of_tiles() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let mut renderer = Renderer::with(oblate_engine::simd::Level::best(), side);
         let counter = crate::Counter::default();
-        let settings = RenderSettings::default();
+        let settings = RenderSettings { occlusion: true, ..RenderSettings::default() };
         pool.install(|| renderer.render(&scene, &camera(4.2, 200), &settings, &counter).map(|_| ())).unwrap();
         (renderer.into_frame(), counter.0.into_inner().unwrap())
     };
