@@ -134,6 +134,7 @@ pub struct RenderSettings {
     /// Whether splats of coarser levels are drawn where the tolerance allows, of clouds that have levels.
     pub level_of_detail: bool,
     /// The picture is drawn with at most as many splats, as far as clouds have levels: the best that can be had.
+    /// The last level of a cloud, 1024 splats at most, is drawn even if that is more.
     pub budget: Option<usize>,
     /// Whether what is hidden is left out before it is projected: where much is, that is quicker; elsewhere slower.
     pub occlusion: bool,

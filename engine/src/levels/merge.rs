@@ -10,7 +10,9 @@ use glam::{DMat3, DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
 /// A splat that stands for a family.
-pub(super) struct Merged {
+struct Merged {
+    /// Of the members, as in [`Member`].
+    shares: [f32; CHILDREN],
     center: Vec3,
     factor: Mat3,
     strength: f32,
@@ -57,11 +59,10 @@ pub(super) fn coarser(below: &Level) -> Level {
             let per_splat = Harmonics::count(harmonics.degree);
             let mut coefficients = vec![[0.0; 3]; count * per_splat];
             coefficients.par_chunks_mut(per_splat).enumerate().for_each(|(number, sums)| {
-                let family = Family::new(columns, families(number));
-                for (member, index) in family.members().iter().zip(families(number)) {
+                for (share, index) in merged[number].shares.iter().zip(families(number)) {
                     for (sum, coefficient) in sums.iter_mut().zip(harmonics.row(index)) {
                         for (sum, value) in sum.iter_mut().zip(coefficient) {
-                            *sum += member.share as f32 * value;
+                            *sum += share * value;
                         }
                     }
                 }
@@ -84,11 +85,6 @@ pub(super) fn coarser(below: &Level) -> Level {
 const FAMILIES_A_TASK: usize = 256;
 
 impl Merged {
-    /// The share of a family that has normals.
-    pub(super) fn lit_share(family: &Family) -> f64 {
-        family.members().iter().filter(|m| m.normal != DVec3::ZERO).map(|m| m.share).sum()
-    }
-
     /// The splat for a family whose members need `least` at most.
     fn new(columns: &Columns, family: &Family, least: f32) -> Self {
         let covariance = family.covariance();
@@ -123,7 +119,8 @@ impl Merged {
             family.members().iter().zip(normals).map(|(m, normal)| m.share * normal).sum();
         if !matches!(columns.kind, Kind::Surface(_)) {
             // Short normals are means of many; what has none, and returns no light, has no part in it.
-            normal /= Self::lit_share(family).max(f64::MIN_POSITIVE);
+            let lit = family.average(|m| if m.normal == DVec3::ZERO { 0.0 } else { 1.0 });
+            normal /= lit.max(f64::MIN_POSITIVE);
         }
         let color = if matches!(columns.kind, Kind::Opacity(_)) {
             // Trained colours are mixed as they are seen.
@@ -133,7 +130,10 @@ impl Merged {
             family.mean(|m| m.color).as_vec3().to_array()
         };
         let terms = Terms::new(columns, family, (normals, strength));
+        let mut shares = [0.0; CHILDREN];
+        shares.iter_mut().zip(family.members()).for_each(|(share, m)| *share = m.share as f32);
         Self {
+            shares,
             center: family.center.as_vec3(),
             factor: factor.as_mat3(),
             strength: strength.min(f64::from(f32::MAX)) as f32,

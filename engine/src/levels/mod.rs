@@ -11,7 +11,8 @@ mod order;
 
 use crate::columns::{CHILDREN, Column, Columns, Factors, LANES, Lanes};
 use crate::cull::CLUSTER_SIZE;
-use glam::{DMat3, Vec3};
+use family::frobenius_squared;
+use glam::Vec3;
 use merge::coarser;
 use order::make_compact;
 use rayon::prelude::*;
@@ -107,7 +108,7 @@ fn range_of(values: impl Iterator<Item = f32>) -> [f32; 2] {
 
 /// Cuts a level into clusters of consecutive splats.
 fn clusters(columns: &Columns) -> Vec<Cluster> {
-    let sigma = |index: usize| frobenius(columns.factor(index).as_dmat3()) as f32;
+    let sigma = |index: usize| frobenius_squared(columns.factor(index).as_dmat3()).sqrt() as f32;
     let cluster = |number: usize| {
         let start = number * CLUSTER_SIZE;
         let splats = start..columns.len.min(start + CLUSTER_SIZE);
@@ -124,10 +125,6 @@ fn clusters(columns: &Columns) -> Vec<Cluster> {
         Cluster { splats, center, radius, largest_sigma, needs: [0.0; 2], parents_need }
     };
     (0..columns.len.div_ceil(CLUSTER_SIZE)).into_par_iter().map(cluster).collect()
-}
-
-pub(crate) fn frobenius(m: DMat3) -> f64 {
-    (m.x_axis.length_squared() + m.y_axis.length_squared() + m.z_axis.length_squared()).sqrt()
 }
 
 #[cfg(test)]

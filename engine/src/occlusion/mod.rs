@@ -125,6 +125,9 @@ impl Occlusion {
 
     /// Finds what was left out of the tiles as they are drawn now but is seen; false if the picture is done.
     pub(crate) fn find_missing(&mut self, visible: Visible) -> bool {
+        if !self.leaves_out(0) && !self.leaves_out(1) {
+            return false;
+        }
         let Visible { scene, ranges, .. } = visible;
         let sight = visible.sight();
         self.rounds += 1;
