@@ -20,7 +20,7 @@ pub(crate) struct Cut {
     pub(crate) alpha: Plane,
     /// Base colour in the blend space; shaded when the pixel is resolved.
     pub(crate) color: [Plane; 3],
-    /// Unit normal in camera space, on the side that is seen.
+    /// Mean normal in camera space, on the side that is seen; as much shorter than 1 as its samples differ.
     pub(crate) normal: [Plane; 3],
     /// The front-most record, whose cloud's material shades the layer; [`Cut::NO_RECORD`] where there is none.
     pub(crate) record: [u32; PIXELS],

@@ -396,11 +396,12 @@ impl LayerBuilder<'_> {
         let [alpha, seen] = seen_through.cover(simd, coverage, found.select(opacity, zero));
         // On the side that is seen.
         let shows_front = front.weight.simd_ge(back.weight);
+        let of_side = shows_front.select(front.weight, back.weight);
+        let inverse_of_side = of_side.simd_gt(W::simd_from(simd, 1e-30)).select(one / of_side, zero);
         let normal = [0, 1, 2].each(
             #[inline(always)]
-            |axis| shows_front.select(front.normal[axis], -back.normal[axis]),
+            |axis| shows_front.select(front.normal[axis], -back.normal[axis]) * inverse_of_side,
         );
-        let normal = normalize_or_zero(simd, normal);
         cut.depth.store(found.select(sums.depth.mul_add(inverse, peel.depth), infinity));
         cut.alpha.store(found.select(alpha, zero));
         for (plane, sum) in cut.color.iter_mut().zip(sums.color) {

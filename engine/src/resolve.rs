@@ -191,7 +191,8 @@ impl Resolver<'_> {
                 rows.median_depth[place] = median[pixel];
                 rows.depth[place] = cut.depth.0[pixel];
                 let normal = glam::Vec3::from(cut.normal.map(|plane| plane.0[pixel]));
-                rows.normal[place] = (self.camera_to_world * normal.as_dvec3()).as_vec3().to_array();
+                rows.normal[place] =
+                    (self.camera_to_world * normal.as_dvec3()).normalize_or_zero().as_vec3().to_array();
                 rows.id[place] = match cut.record[pixel] {
                     Cut::NO_RECORD => Frame::NO_ID,
                     index => self.samples[index as usize].id,

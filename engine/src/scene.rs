@@ -136,7 +136,7 @@ pub struct RenderSettings {
     /// The picture is drawn with at most as many splats, as far as clouds have levels: the best that can be had.
     /// The last level of a cloud, 1024 splats at most, is drawn even if that is more.
     pub budget: Option<usize>,
-    /// Whether what is hidden is left out before it is projected: where much is, that is quicker; elsewhere slower.
+    /// Whether what is hidden is left out before it is projected, where much seems to be; the picture is the same.
     pub occlusion: bool,
     /// Whether splats are shown in the colour of their footprint's form, unshaded: points red, affine green, exact blue.
     pub color_by_form: bool,
@@ -158,7 +158,7 @@ impl Default for RenderSettings {
             cutoff: 12.25,
             level_of_detail: true,
             budget: None,
-            occlusion: false,
+            occlusion: true,
             color_by_form: false,
             channels: Channels::All,
         }

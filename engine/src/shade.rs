@@ -145,13 +145,13 @@ impl Shader {
         Highlight { specular, exponent, per_length }
     }
 
-    /// As [`Self::highlight_of_mean`], for eight normals.
+    /// As [`Self::highlight_of_mean`], for many normals.
     #[inline(always)]
-    fn highlight_wide<S: Simd>(&self, simd: S, normal: V3<S>) -> Highlight<V<S>> {
+    fn highlight_of_means<S: Simd, F: Floats<S>>(&self, simd: S, normal: [F; 3]) -> Highlight<F> {
         let Material { specular, exponent, .. } = self.material;
-        let one = splat(simd, 1.0);
-        let length = dot(normal, normal).max(splat(simd, 1e-30)).sqrt().min(one);
-        let wider = length * exponent / (one - length).mul_add(splat(simd, exponent), length);
+        let one = F::simd_from(simd, 1.0);
+        let length = dot(normal, normal).max(F::simd_from(simd, 1e-30)).sqrt().min(one);
+        let wider = length * exponent / (one - length).mul_add(F::simd_from(simd, exponent), length);
         Highlight {
             specular: (wider + 1.0) * (specular / (1.0 + exponent)),
             exponent: wider,
@@ -181,7 +181,7 @@ impl Shader {
             |n| turned.select(-n, n),
         );
         if are_means {
-            let highlight = self.highlight_wide(simd, normal);
+            let highlight = self.highlight_of_means(simd, normal);
             self.shade_with::<S, V<S>, true>(simd, base, (seen, highlight), position)
         } else {
             self.shade_with::<S, V<S>, false>(simd, base, (seen, self.highlight(simd)), position)
@@ -209,7 +209,7 @@ impl Shader {
         }
     }
 
-    /// As [`Self::shade`], for many points and unit normals.
+    /// As [`Self::shade`], for many points.
     #[inline(always)]
     pub(crate) fn shade_wide<S: Simd, F: Floats<S>>(
         &self,
@@ -218,7 +218,8 @@ impl Shader {
         normal: [F; 3],
         position: [F; 3],
     ) -> [F; 3] {
-        self.shade_with::<S, F, false>(simd, base, (normal, self.highlight(simd)), position)
+        let highlight = self.highlight_of_means(simd, normal);
+        self.shade_with::<S, F, true>(simd, base, (normal, highlight), position)
     }
 
     /// Normals are shorter than 1 if they are `MEANS`.

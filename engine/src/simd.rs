@@ -3,8 +3,9 @@
 //! Everything is written once for all levels; `dispatch!` chooses at run time. Levels differ by whether a·b + c is
 //! rounded once or twice, and by the guesses from which reciprocals start.
 
+pub use fearless_simd::Simd;
 pub(crate) use fearless_simd::prelude::*;
-pub(crate) use fearless_simd::{Simd, f32x8, f32x16, i32x8, mask32x8, mask32x16, u32x8, u32x16};
+pub(crate) use fearless_simd::{f32x8, f32x16, i32x8, mask32x8, mask32x16, u32x8, u32x16};
 
 /// Sets of instructions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,7 +34,7 @@ impl Level {
     }
 
     /// The proof that the processor has a level; of one that it lacks, the baseline's.
-    pub(crate) fn token(self) -> Token {
+    pub fn token(self) -> Token {
         #[cfg(target_arch = "x86_64")]
         {
             let found = fearless_simd::Level::new();
@@ -59,17 +60,21 @@ type Baseline = fearless_simd::Neon;
 type Baseline = fearless_simd::Fallback;
 
 /// See [`Level::token`].
-#[derive(Clone, Copy)]
-pub(crate) enum Token {
+#[derive(Clone, Copy, Debug)]
+pub enum Token {
+    /// Of [`Level::Baseline`].
     Baseline(Baseline),
+    /// Of [`Level::Avx2`].
     #[cfg(target_arch = "x86_64")]
     Avx2(fearless_simd::Avx2),
+    /// Of [`Level::Avx512`].
     #[cfg(target_arch = "x86_64")]
     Avx512(fearless_simd::Avx512),
 }
 
-/// Evaluates an expression with the instructions of a level; `$simd` is its token. What it calls must be
-/// `#[inline(always)]` to be compiled for the level, or [`apart`].
+/// Evaluates an expression with the instructions of a [`Level`](crate::simd::Level); `$simd` is its token. What it calls must
+/// be `#[inline(always)]` to be compiled for the level.
+#[macro_export]
 macro_rules! dispatch {
     ($level:expr, $simd:ident => $op:expr) => {
         match $crate::simd::Level::token($level) {
@@ -89,7 +94,7 @@ macro_rules! dispatch {
         }
     };
 }
-pub(crate) use dispatch;
+pub use dispatch;
 
 /// A part of a computation that becomes a function of its own: everything else is inlined, and what is long and rare
 /// would make a compiler slow and the rest's registers few.

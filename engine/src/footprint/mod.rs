@@ -11,7 +11,8 @@ pub use record::{Form, Kind, Record, RecordHit, Rect, Tag};
 
 use crate::camera::Camera;
 use crate::closing::Closing;
-use crate::cull::{CLUSTER_SIZE, Frustum, VisibleRange};
+use crate::columns::LANES;
+use crate::cull::{Frustum, VisibleRange};
 use crate::order::Run;
 use crate::scene::{RenderSettings, Scene};
 use crate::shade::Shader;
@@ -48,8 +49,8 @@ struct Projected {
 
 /// The records of a frame's volumes, or of its surfaces; parallel arrays.
 ///
-/// Every visible range has [`CLUSTER_SIZE`] places, of which the first are taken: so ranges are projected side by
-/// side, and the places say the same for any number of threads.
+/// Every few visible ranges have as many places as splats of theirs are drawn at most, of which the first are taken: so they are
+/// projected side by side, and the places say the same for any number of threads.
 #[derive(Default)]
 pub(crate) struct Records {
     pub(crate) records: Vec<Record>,
@@ -62,17 +63,48 @@ pub(crate) struct Records {
     pub(crate) runs: Vec<Run>,
     /// How many there are of each form, by range.
     forms: Vec<[u32; Form::ALL.len()]>,
+    /// How many places ranges have that are projected together.
+    places: Vec<usize>,
+    /// How many places ranges have so far.
+    used: usize,
 }
 
-/// Where the records of one range go.
+/// Ranges that are projected one after the other.
+const RANGES_TOGETHER: usize = 4;
+
+/// Where the records of one range go, at least [`LANES`] places more than there are.
 struct Places<'a> {
-    records: &'a mut [Record; CLUSTER_SIZE],
-    rects: &'a mut [Rect; CLUSTER_SIZE],
-    distances: &'a mut [AtomicU32; CLUSTER_SIZE],
+    records: &'a mut [Record],
+    rects: &'a mut [Rect],
+    distances: &'a mut [AtomicU32],
     /// As many, or none.
     samples: &'a mut [SurfaceSample],
     run: &'a mut Run,
     forms: &'a mut [u32; Form::ALL.len()],
+}
+
+/// Where the records of ranges go that are projected together.
+struct Slots<'a> {
+    start: usize,
+    records: &'a mut [Record],
+    rects: &'a mut [Rect],
+    distances: &'a mut [AtomicU32],
+    samples: &'a mut [SurfaceSample],
+}
+
+impl Slots<'_> {
+    /// Parts with the first places; of the samples with as many, if there are any.
+    fn split(&mut self, count: usize) -> Self {
+        let start = self.start;
+        self.start += count;
+        Self {
+            start,
+            records: self.records.split_off_mut(..count).unwrap_or_default(),
+            rects: self.rects.split_off_mut(..count).unwrap_or_default(),
+            distances: self.distances.split_off_mut(..count).unwrap_or_default(),
+            samples: self.samples.split_off_mut(..count).unwrap_or_default(),
+        }
+    }
 }
 
 impl Places<'_> {
@@ -117,33 +149,49 @@ impl Records {
     pub(crate) fn clear(&mut self) {
         self.runs.clear();
         self.forms.clear();
+        self.used = 0;
     }
 
     /// Projects those of a scene's ranges that are `chosen`, behind what there is; runs come in the same order.
     pub(crate) fn append(&mut self, view: &SceneView, ranges: &[VisibleRange], chosen: &[u32]) {
-        let begin = self.runs.len();
-        let count = begin + chosen.len();
-        let places = count * CLUSTER_SIZE;
-        // Volumes have no samples: one place a range is as good as none.
-        let samples_a_range = if ranges.iter().any(|range| range.is_surface) { CLUSTER_SIZE } else { 1 };
-        let samples = count * samples_a_range;
-        self.records.resize(places.max(self.records.len()), Record::BLANK);
-        self.rects.resize(places.max(self.rects.len()), Rect::default());
-        self.distances.resize_with(places.max(self.distances.len()), AtomicU32::default);
+        let drawn = |rank: &u32| {
+            let range = &ranges[*rank as usize];
+            range.count(view.scene.clouds[range.cloud].levels())
+        };
+        let together = chosen.par_chunks(RANGES_TOGETHER);
+        let places = |together: &[u32]| together.iter().map(drawn).sum::<usize>() + LANES;
+        together.clone().map(places).collect_into_vec(&mut self.places);
+        let (begin, start) = (self.runs.len(), self.used);
+        self.used += self.places.iter().sum::<usize>();
+        // Volumes have no samples.
+        let samples = if ranges.iter().any(|range| range.is_surface) { self.used } else { 0 };
+        self.records.resize(self.used.max(self.records.len()), Record::BLANK);
+        self.rects.resize(self.used.max(self.rects.len()), Rect::default());
+        self.distances.resize_with(self.used.max(self.distances.len()), AtomicU32::default);
         self.samples.resize(samples.max(self.samples.len()), SurfaceSample::default());
-        self.runs.extend((begin..count).map(|number| Run::new(number * CLUSTER_SIZE)));
-        self.forms.resize(count, [0; Form::ALL.len()]);
-        let records = self.records.as_chunks_mut().0[begin..].par_iter_mut();
-        let rects = self.rects.as_chunks_mut().0[begin..].par_iter_mut();
-        let distances = self.distances.as_chunks_mut().0[begin..].par_iter_mut();
-        let samples = self.samples[begin * samples_a_range..].par_chunks_mut(samples_a_range);
-        let places = records.zip(rects).zip(distances).zip(samples);
-        chosen.par_iter().zip(&mut self.runs[begin..]).zip(&mut self.forms[begin..]).zip(places).for_each(
-            |(((range, run), forms), (((records, rects), distances), samples))| {
-                let range = &ranges[*range as usize];
-                let mut places = Places { records, rects, distances, samples, run, forms };
-                let projector = view.projector(range);
-                WideProjector::new(&projector).project(view.level, range, &mut places);
+        self.runs.resize(begin + chosen.len(), Run::new(0));
+        self.forms.resize(begin + chosen.len(), [0; Form::ALL.len()]);
+        let mut rest = Slots {
+            start,
+            records: &mut self.records[start..],
+            rects: &mut self.rects[start..],
+            distances: &mut self.distances[start..],
+            samples: self.samples.get_mut(start..).unwrap_or_default(),
+        };
+        let slots: Vec<Slots> = self.places.iter().map(|count| rest.split(*count)).collect();
+        let runs = self.runs[begin..].par_chunks_mut(RANGES_TOGETHER);
+        let forms = self.forms[begin..].par_chunks_mut(RANGES_TOGETHER);
+        slots.into_par_iter().zip(together).zip(runs.zip(forms)).for_each(
+            |((mut slots, together), (runs, forms))| {
+                for ((rank, run), forms) in together.iter().zip(runs).zip(forms) {
+                    *run = Run::new(slots.start);
+                    let Slots { records, rects, distances, samples, .. } = &mut slots;
+                    let range = &ranges[*rank as usize];
+                    let projector = view.projector(range);
+                    let mut places = Places { records, rects, distances, samples, run, forms };
+                    WideProjector::new(&projector).project(view.level, range, &mut places);
+                    slots.split(run.len);
+                }
             },
         );
     }

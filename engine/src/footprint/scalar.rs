@@ -165,7 +165,11 @@ impl<'a> Projector<'a> {
                 let area = f64::from(splats.strength(index))
                     * area_scale(self.cloud_to_camera.matrix3, factor_in_cloud)
                     * gain;
-                let coverage = area * footprint.unit_integral / f64::from(surface.coverage_floor);
+                let floor = filtered_floor(
+                    f64::from(surface.coverage_floor),
+                    footprint.filter_attenuation(&splat, lens),
+                );
+                let coverage = area * footprint.unit_integral / floor;
                 let slope = geometric_normal.truncate() / lens.focal * coverage;
                 record.tag.kind = Kind::Surface;
                 record.amplitude = single(coverage * geometric_normal.dot(ray));
@@ -283,6 +287,16 @@ fn axis_normal(factor: glam::Mat3) -> DVec3 {
 
 /// Keeps the optical depth of a kernel of opacity 1 finite; off by less than 1e-6 of a channel.
 const LARGEST_ALPHA: f64 = 1.0 - 1e-6;
+
+/// How even the pixels' filter makes coverage at most, as a floor says it: what is cut off and rounding stay.
+pub(super) const EVENLY_COVERED: f64 = 0.99;
+
+/// A cloud's coverage floor behind a filter that dims a surfel by this attenuation. Sums of coverage are 1 in the mean; what random
+/// places lack fades as the root of the area that is averaged (Campbell's theorem), what regular ones lack sooner.
+fn filtered_floor(floor: f64, attenuation: f64) -> f64 {
+    let even = floor.max(EVENLY_COVERED);
+    even - (even - floor) * attenuation.sqrt()
+}
 
 /// Where a kernel of a given peak opacity ends: at the cut-off, or where it falls below the tolerance; below 0 if it
 /// never reaches that. Trained scenes are trained with such a cut, at 1/255.

@@ -33,9 +33,6 @@ pub(super) struct Bounds {
     pub(super) area: f64,
     /// z from which on they may be seen; of surfaces, where the span of their first sample may begin.
     pub(super) near: f32,
-    /// z of the middle, and how far centres are from it.
-    pub(super) middle: f32,
-    pub(super) radius: f32,
     /// How far from the eye, or its plane where rays are parallel, the nearest centre is; or the nearest slab that a kernel touches.
     pub(super) distance: f32,
 }
@@ -62,6 +59,18 @@ impl Sight {
         if self.is_perspective() { center / center.z } else { DVec3::Z }
     }
 
+    /// Pixels a squared world unit at a place.
+    pub(super) fn pixels_at(&self, place: DVec3) -> f64 {
+        let scale = if self.is_perspective() { place.z.max(1e-9).recip() } else { 1.0 };
+        self.lens.focal.element_product() * scale * scale
+    }
+
+    /// Where a place is seen.
+    pub(super) fn pixel(&self, place: DVec3) -> [f64; 2] {
+        let scale = if self.is_perspective() { place.z.max(1e-9).recip() } else { 1.0 };
+        (place.truncate() * scale * self.lens.focal + self.lens.principal).to_array()
+    }
+
     /// Along an axis, between which pixels a sphere is seen; everywhere if it reaches the camera plane.
     fn shadow(&self, axis: usize, center: DVec3, radius: f64) -> [f64; 2] {
         let (focal, principal) = (self.lens.focal[axis], self.lens.principal[axis]);
@@ -80,13 +89,19 @@ impl Sight {
     }
 }
 
+impl VisibleRange {
+    /// σ with the pixels' filter, at most.
+    pub(super) fn filtered(&self, sight: &Sight) -> f64 {
+        (self.reach - self.radius) / sight.root_cutoff
+    }
+}
+
 impl Bounds {
     pub(super) fn new(sight: &Sight, range: &VisibleRange) -> Self {
         let VisibleRange { center_in_camera: center, radius, sigma, reach, .. } = *range;
         let perspective = sight.is_perspective();
         let nearest = center.z - radius;
-        // σ with the pixels' filter, at most.
-        let filtered = (reach - radius) / sight.root_cutoff;
+        let filtered = range.filtered(sight);
         let (mut low, mut high) = (DVec2::ZERO, DVec2::ZERO);
         for axis in 0..2 {
             // Ellipsoids are within their spheres; the affine form is as wide as its centre is near.
@@ -119,8 +134,6 @@ impl Bounds {
             pixels,
             area: (high - low).element_product(),
             near: (near - slack) as f32,
-            middle: center.z as f32,
-            radius: radius as f32,
             distance: range.distances[0] - (within_slabs + slack) as f32,
         }
     }

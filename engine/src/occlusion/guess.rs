@@ -1,43 +1,50 @@
 //! What may be hidden, guessed before anything is drawn.
 //!
-//! Ranges come from near to far and cover the squares that they touch by as much as their splats would, were they spread evenly
-//! over them. What comes behind covered squares is taken for hidden.
+//! Ranges come from near to far. Those of surfaces cover the squares where some of their surfels are, those of volumes fill the
+//! squares that they touch by as much as their splats would, were they spread evenly over them. What comes behind covered squares
+//! is taken for hidden.
 
 use super::bounds::{Bounds, Sight};
 use super::facing::Facing;
 use super::looked::{CELL, Looked, squares};
+use super::sheet::{Patch, Sheet, sampled};
 use crate::cloud::Cloud;
 use crate::columns::{Kind, LANES};
 use crate::cull::VisibleRange;
 use crate::scene::Scene;
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
+use std::ops::Range;
 
-/// A square that is covered as many times is taken for opaque: rectangles of patches are larger than they, and sheets are
-/// uneven in this measure.
-const COVERED: f32 = 0.4;
+/// A square that is covered as many times is taken for opaque: more than half, as at the edge of something, and less than
+/// once, since the measure is uneven.
+const COVERED: f32 = 0.55;
 
-/// How far splats of a range are before and behind its middle, in its radius.
-const DEEP: f32 = 0.75;
+/// Where all cells of a tile are covered as much, it has no edge: what they lack is unevenness.
+const WITHOUT_EDGE: f32 = 0.35;
 
-/// Volumes vary more from place to place.
-const FILLED: f32 = 4.0;
+/// Volumes vary far more from place to place.
+const FILLED: f32 = 16.0;
 
-/// Blocks of eight splats that speak for a range.
+/// Blocks of eight splats that speak for a range of a volume.
 const SAMPLED: usize = 4;
+
+/// One range of as many is asked first, and how often squares must be covered or filled in the mean to ask the others.
+const PROBED: usize = 8;
+const DEEP: [f64; 2] = [1.2, FILLED as f64];
 
 /// How the squares of a picture are covered.
 #[derive(Default)]
 pub(super) struct Guess {
     side: usize,
     columns: [usize; 2],
-    /// Of cells: how often they are covered, and the sum of the z where that is done, by how much. A few ranges reach far
-    /// beyond most of their splats: the mean doesn't go by them.
+    /// Of cells: how often they are covered, and the sum of the z where that is done, by how much.
     cells: Vec<[f32; 2]>,
     /// Of tiles: how often they are filled by volumes, and the z from which on all of their cells are covered.
     tiles: Vec<[f32; 2]>,
-    /// By which each range adds to them, of surfaces and of volumes.
-    coverages: [Vec<f32>; 2],
+    /// What ranges of surfaces cover, and by how much each of a volume fills its rectangle.
+    sheets: Vec<Sheet>,
+    fillings: Vec<f32>,
 }
 
 impl Guess {
@@ -49,55 +56,88 @@ impl Guess {
         self.tiles.resize(looked.tiles(), [0.0, f32::NEG_INFINITY]);
     }
 
+    /// Whether much may be hidden, as a few ranges tell; surfaces before volumes need to cover the picture just once.
+    pub(super) fn may_hide(
+        &self,
+        (scene, sight, spent): (&Scene, &Sight, f64),
+        ranges: &[Vec<VisibleRange>; 2],
+        bounds: &[Vec<Bounds>; 2],
+    ) -> bool {
+        if ranges.iter().all(|ranges| !ranges.is_empty()) {
+            return true;
+        }
+        let kind = usize::from(ranges[0].is_empty());
+        let mut is_touched = vec![false; self.tiles.len()];
+        let mut sum = 0.0;
+        for (range, bounds) in ranges[kind].iter().zip(&bounds[kind]).step_by(PROBED) {
+            let cloud = &scene.clouds[range.cloud];
+            sum += match kind {
+                0 => Facing::new(sight, cloud, range).area(range, spent),
+                _ => optical_area(sight, cloud, range) / -spent.ln(),
+            };
+            let [columns, rows] = squares(&bounds.pixels, self.side);
+            for row in rows {
+                is_touched[row * self.columns[1]..][columns.clone()].fill(true);
+            }
+        }
+        let touched = is_touched.into_iter().filter(|is_touched| *is_touched).count() * self.side * self.side;
+        sum * PROBED as f64 >= DEEP[kind] * touched as f64
+    }
+
     /// Whether a surface that is missing from some cells is to be drawn next: not while nearer ones cover all of these
     /// `enough` times.
-    pub(super) fn admits(
-        &mut self,
-        rank: u32,
-        cells: impl Iterator<Item = usize> + Clone,
-        enough: f32,
-    ) -> bool {
-        if cells.clone().all(|cell| self.cells[cell][0] >= enough) {
+    pub(super) fn admits(&mut self, rank: u32, cells: &[u32], enough: f32) -> bool {
+        if cells.iter().all(|cell| self.cells[*cell as usize][0] >= enough) {
             return false;
         }
-        cells.for_each(|cell| self.cells[cell][0] += self.coverages[0][rank as usize]);
+        let coverage = self.sheets[rank as usize].coverage;
+        cells.iter().for_each(|cell| self.cells[*cell as usize][0] += coverage);
         true
     }
 
-    /// The surfaces that seem to be hidden, of ranges from near to far.
+    /// Whether all surfels of a range face away.
+    pub(super) fn is_turned_away(&self, rank: u32) -> bool {
+        self.sheets[rank as usize].is_turned_away
+    }
+
+    /// The surfaces that seem to be hidden, of ranges from near to far; not those that are turned away.
     pub(super) fn hidden_surfaces(
         &mut self,
         (scene, sight, spent): (&Scene, &Sight, f64),
         ranges: &[VisibleRange],
-        bounds: &mut [Bounds],
     ) -> Vec<u32> {
-        let coverage = |(range, bounds): (&VisibleRange, &mut Bounds)| {
-            let cloud = &scene.clouds[range.cloud];
-            let area = surface_area(sight, cloud, range, spent);
-            if area == 0.0 {
-                bounds.near = Facing::new(sight, cloud, range).nearest(range);
-            }
-            (area / bounds.area.max(1.0)) as f32
-        };
-        let coverages = ranges.par_iter().zip(&mut *bounds).map(coverage);
-        coverages.collect_into_vec(&mut self.coverages[0]);
+        self.sheets.resize_with(ranges.len().max(self.sheets.len()), Sheet::default);
+        self.sheets.par_iter_mut().zip(ranges).for_each(|(sheet, range)| {
+            let facing = Facing::new(sight, &scene.clouds[range.cloud], range);
+            sheet.spread(sight, &facing, (range, spent));
+        });
+        let size = (self.columns[0], self.cells.len());
+        let cells = |patch: &Patch, border: f32| squares_around(patch, border, size);
+        let row =
+            |row: usize, columns: &Range<usize>| row * size.0 + columns.start..row * size.0 + columns.end;
         let mut hidden = Vec::new();
-        for (rank, (coverage, bounds)) in self.coverages[0].iter().zip(bounds).enumerate() {
-            let Bounds { pixels, near, middle, radius, .. } = &*bounds;
-            let [front, back] = [middle - DEEP * radius, middle + DEEP * radius];
-            let [columns, rows] = squares(pixels, CELL);
-            let row = |row: usize| row * self.columns[0] + columns.start..row * self.columns[0] + columns.end;
-            let hides = |[covered, depths]: &[f32; 2]| *covered >= COVERED && front * covered > *depths;
-            let is_turned_away = *near == f32::INFINITY;
-            if is_turned_away || rows.clone().all(|y| self.cells[row(y)].iter().all(hides)) {
+        for (rank, sheet) in self.sheets[..ranges.len()].iter().enumerate() {
+            let is_hidden = |patch: &Patch| {
+                let hides =
+                    |[covered, depths]: &[f32; 2]| *covered >= COVERED && patch.depths[0] * covered > *depths;
+                let [columns, mut rows] = cells(patch, sheet.reach);
+                rows.all(|y| self.cells[row(y, &columns)].iter().all(hides))
+            };
+            if !sheet.patches.is_empty() && sheet.patches.iter().all(is_hidden) {
                 hidden.push(rank as u32);
                 continue;
             }
-            for y in rows {
-                for [covered, depths] in &mut self.cells[row(y)] {
-                    if *covered < COVERED {
-                        *covered += coverage;
-                        *depths += coverage * back;
+            for patch in &sheet.patches {
+                let [columns, rows] = cells(patch, 0.0);
+                for y in rows {
+                    let down = within(patch, 1, y);
+                    for (x, cell) in columns.clone().zip(&mut self.cells[row(y, &columns)]) {
+                        let [covered, depths] = cell;
+                        if *covered < COVERED {
+                            let added = patch.covered * down * within(patch, 0, x);
+                            *covered += added;
+                            *depths += added * patch.depths[1];
+                        }
                     }
                 }
             }
@@ -119,13 +159,13 @@ impl Guess {
         for (place, [covered, depths]) in self.cells.iter().enumerate() {
             let [x, y] = [place % cell_columns / cells_a_tile, place / cell_columns / cells_a_tile];
             let behind = &mut self.tiles[y * tile_columns + x][1];
-            *behind = behind.max(if *covered >= COVERED { depths / covered } else { f32::INFINITY });
+            *behind = behind.max(if *covered >= WITHOUT_EDGE { depths / covered } else { f32::INFINITY });
         }
-        let coverage = |(range, bounds): (&VisibleRange, &Bounds)| {
+        let filling = |(range, bounds): (&VisibleRange, &Bounds)| {
             let depth = optical_area(sight, &scene.clouds[range.cloud], range) / -spent.ln();
             (depth / bounds.area.max(1.0)) as f32
         };
-        ranges.par_iter().zip(bounds).map(coverage).collect_into_vec(&mut self.coverages[1]);
+        ranges.par_iter().zip(bounds).map(filling).collect_into_vec(&mut self.fillings);
         let mut order: Vec<u32> = (0..ranges.len() as u32).collect();
         order.par_sort_by(|a, b| {
             let distance = |rank: &u32| bounds[*rank as usize].distance;
@@ -142,7 +182,7 @@ impl Guess {
                 continue;
             }
             for tile in tiles() {
-                self.tiles[tile][0] += self.coverages[1][rank as usize];
+                self.tiles[tile][0] += self.fillings[rank as usize];
             }
         }
         hidden.sort_unstable();
@@ -150,27 +190,22 @@ impl Guess {
     }
 }
 
-/// Some blocks of a range, evenly spread.
-fn sampled(range: &VisibleRange) -> impl Iterator<Item = usize> + Clone {
-    let blocks = range.splats.start / LANES..range.splats.end.div_ceil(LANES);
-    let step = blocks.len().div_ceil(SAMPLED).max(1);
-    blocks.skip(step / 2).step_by(step)
+/// Columns and rows of the cells, which are `count` in all, that a patch touches with a border around it.
+fn squares_around(patch: &Patch, border: f32, (columns, count): (usize, usize)) -> [Range<usize>; 2] {
+    let most = [columns, count / columns.max(1)];
+    [0, 1].map(|axis| {
+        let most = most[axis];
+        let [from, to] = [-1.0, 1.0].map(|side| patch.center[axis] + side * (patch.half + border));
+        let start = ((from / CELL as f32).floor() as usize).min(most);
+        start..((to / CELL as f32).ceil() as usize).clamp(start, most)
+    })
 }
 
-/// Pixels a squared world unit at the middle of a range.
-fn pixels_at(sight: &Sight, center: DVec3) -> f64 {
-    let scale = if sight.is_perspective() { center.z.max(1e-9).recip() } else { 1.0 };
-    sight.lens.focal.element_product() * scale * scale
-}
-
-/// How many pixels a range of surfels covers; translucent ones by how much of the way to opaque they go.
-fn surface_area(sight: &Sight, cloud: &Cloud, range: &VisibleRange, spent: f64) -> f64 {
-    let facing = Facing::new(sight, cloud, range);
-    let ray = sight.ray(range.center_in_camera);
-    let opaque = |opacity: f32| ((-opacity).ln_1p() / spent.ln() as f32).min(1.0);
-    let area: f64 = sampled(range).map(|block| facing.area(block, ray, opaque)).sum();
-    let share = range.splats.len() as f64 / (LANES * sampled(range).count()).max(1) as f64;
-    area * share * pixels_at(sight, range.center_in_camera)
+/// Which share of a cell lies within a patch, along an axis.
+fn within(patch: &Patch, axis: usize, cell: usize) -> f32 {
+    let from = (patch.center[axis] - patch.half).max((cell * CELL) as f32);
+    let to = (patch.center[axis] + patch.half).min(((cell + 1) * CELL) as f32);
+    (to - from).max(0.0) / CELL as f32
 }
 
 /// The optical depth of a range, summed over pixels.
@@ -180,7 +215,7 @@ fn optical_area(sight: &Sight, cloud: &Cloud, range: &VisibleRange) -> f64 {
     let ray = sight.ray(range.center_in_camera);
     let (mut sum, mut count) = (0.0, 0);
     let volume = linear.determinant().abs();
-    for block in sampled(range) {
+    for block in sampled(range, SAMPLED) {
         for (lane, strength) in columns.strengths.block(block)[0].into_iter().enumerate() {
             let strength = f64::from(strength);
             count += 1;
@@ -198,5 +233,5 @@ fn optical_area(sight: &Sight, cloud: &Cloud, range: &VisibleRange) -> f64 {
             };
         }
     }
-    sum * pixels_at(sight, range.center_in_camera) * range.splats.len() as f64 / f64::from(count.max(1))
+    sum * sight.pixels_at(range.center_in_camera) * range.splats.len() as f64 / f64::from(count.max(1))
 }

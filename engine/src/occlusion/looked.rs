@@ -78,22 +78,10 @@ impl Looked {
 
     /// Whether surfaces in a rectangle of pixels whose spans begin behind `near` take part in no layer.
     pub(super) fn hides_surface(&self, pixels: &Rect, near: f32) -> bool {
-        if near == f32::INFINITY {
-            return true;
-        }
         let [columns, mut rows] = squares(pixels, CELL);
         rows.all(|row| {
             let row = &self.layers[row * self.columns[0]..];
             row[columns.clone()].iter().all(|depth| read(depth) < near)
-        })
-    }
-
-    /// Whether kernels in a rectangle of pixels that are seen from a z and from a distance on aren't needed.
-    pub(super) fn hides_volume(&self, pixels: &Rect, from: [f32; 2]) -> bool {
-        let [columns, mut rows] = squares(pixels, self.side);
-        rows.all(|row| {
-            let row = &self.kernels[row * self.columns[1]..];
-            row[columns.clone()].iter().all(|ends| hides_kernel(ends, from))
         })
     }
 

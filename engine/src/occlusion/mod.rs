@@ -2,12 +2,14 @@
 //!
 //! Which clusters are hidden is guessed from how much those in front of them cover. Then the picture is drawn without them,
 //! each tile says how far it was looked into, and what was left out but comes nearer than that is missing: it is added, and
-//! the tiles that it touches are drawn again, until nothing is missing. So a wrong guess costs time and changes nothing.
+//! the tiles that it touches are drawn again, until nothing is missing. So a wrong guess costs time and changes nothing; and
+//! where little seems to be hidden all is drawn at once.
 
 mod bounds;
 mod facing;
 mod guess;
 mod looked;
+mod sheet;
 
 use crate::camera::Camera;
 use crate::closing::Closing;
@@ -20,14 +22,14 @@ use guess::Guess;
 pub(crate) use looked::Looked;
 use rayon::prelude::*;
 
-/// After as many rounds all that was left out is drawn.
+/// After as many rounds all that is missing is drawn at once.
 const MOST_ROUNDS: usize = 8;
 
 /// Fewer ranges aren't worth a guess.
 const LEAST_RANGES: usize = 16;
 
-/// Less than this share of the ranges isn't worth the rounds that leaving it out may take.
-const WORTH_IT: usize = 16;
+/// Less than this share of the splats isn't worth the rounds that leaving it out may take.
+const WORTH_IT: f64 = 0.33;
 
 /// What is drawn, what is left out, and how far the tiles were looked into. Of two kinds each: surfaces and volumes.
 #[derive(Default)]
@@ -84,10 +86,18 @@ impl Occlusion {
         }
         self.guess.begin(&self.looked);
         let spent = settings.tolerance / 4.0;
-        let surfaces = self.guess.hidden_surfaces((scene, &sight, spent), &ranges[0], &mut self.bounds[0]);
+        if !self.guess.may_hide((scene, &sight, spent), ranges, &self.bounds) {
+            return;
+        }
+        let surfaces = self.guess.hidden_surfaces((scene, &sight, spent), &ranges[0]);
         let volumes = self.guess.hidden_volumes((scene, &sight, spent), &ranges[1], &self.bounds[1]);
+        self.next[0].retain(|rank| !self.guess.is_turned_away(*rank));
         let hidden = [surfaces, volumes];
-        if hidden.iter().map(Vec::len).sum::<usize>() * WORTH_IT < count {
+        let splats = |kind: usize, ranks: &[u32]| -> usize {
+            ranks.iter().map(|rank| ranges[kind][*rank as usize].splats.len()).sum()
+        };
+        let [all, left_out] = [&self.next, &hidden].map(|ranks| splats(0, &ranks[0]) + splats(1, &ranks[1]));
+        if (left_out as f64) < WORTH_IT * all as f64 {
             return;
         }
         for (kind, hidden) in hidden.into_iter().enumerate() {
@@ -133,43 +143,42 @@ impl Occlusion {
         self.rounds += 1;
         let takes_all = self.rounds >= MOST_ROUNDS;
         // Where a tile has holes what is behind them is not added all at once.
-        let enough = (1_u32 << self.rounds) as f32;
+        let enough = (1_u32 << (self.rounds - 1)) as f32;
         self.guess.begin(&self.looked);
         self.changed.fill(false);
         for kind in 0..2 {
             let (bounds, looked, ranges) = (&self.bounds[kind], &self.looked, &ranges[kind]);
-            // How near those that are missing are known to come.
-            let find = |rank: &u32| {
+            // In which squares those that are missing are seen: cells of surfaces, tiles of volumes.
+            let find = |rank: &u32| -> Vec<u32> {
                 let (bounds, range) = (&bounds[*rank as usize], &ranges[*rank as usize]);
                 if kind == 1 {
-                    let from = [bounds.near, bounds.distance];
-                    return (takes_all || !looked.hides_volume(&bounds.pixels, from)).then_some(bounds.near);
+                    let tiles = looked.tiles_that_show(&bounds.pixels, [bounds.near, bounds.distance]);
+                    return tiles.map(|tile| tile as u32).collect();
                 }
-                if !takes_all && looked.hides_surface(&bounds.pixels, bounds.near) {
-                    return None;
+                if looked.hides_surface(&bounds.pixels, bounds.near) {
+                    return Vec::new();
                 }
-                let near =
-                    Facing::new(&sight, &scene.clouds[range.cloud], range).nearest(range).max(bounds.near);
-                (takes_all || !looked.hides_surface(&bounds.pixels, near)).then_some(near)
+                Facing::new(&sight, &scene.clouds[range.cloud], range).cells_that_show(range, looked)
             };
-            let found: Vec<Option<f32>> = self.left_out[kind].par_iter().map(find).collect();
+            let found: Vec<Vec<u32>> = self.left_out[kind].par_iter().map(find).collect();
             self.next[kind].clear();
             let mut found = found.into_iter();
             self.left_out[kind].retain(|rank| {
-                let Some(Some(near)) = found.next() else { return true };
-                let bounds = &self.bounds[kind][*rank as usize];
-                if kind == 1 {
-                    let tiles = self.looked.tiles_that_show(&bounds.pixels, [near, bounds.distance]);
-                    tiles.for_each(|tile| self.changed[tile] = true);
-                } else {
-                    let cells = self.looked.cells_that_show(&bounds.pixels, near);
-                    if !takes_all && !self.guess.admits(*rank, cells.clone(), enough) {
-                        return true;
+                let squares = found.next().unwrap_or_default();
+                let is_next = match kind {
+                    _ if squares.is_empty() => false,
+                    0 => takes_all || self.guess.admits(*rank, &squares, enough),
+                    _ => true,
+                };
+                if is_next {
+                    self.next[kind].push(*rank);
+                    for square in squares {
+                        let square = square as usize;
+                        let tile = if kind == 0 { self.looked.tile_of(square) } else { square };
+                        self.changed[tile] = true;
                     }
-                    cells.for_each(|cell| self.changed[self.looked.tile_of(cell)] = true);
                 }
-                self.next[kind].push(*rank);
-                false
+                !is_next
             });
         }
         self.next.iter().any(|next| !next.is_empty())

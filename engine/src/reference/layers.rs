@@ -19,7 +19,7 @@ pub(super) struct Sample<'a> {
     pub(super) weight: f64,
     pub(super) opacity: f64,
     pub(super) color: DVec3,
-    /// In camera space; zero for none.
+    /// In camera space, of length 1; zero for none.
     pub(super) normal: DVec3,
     /// Whether the ray meets its back.
     pub(super) back: bool,
@@ -42,6 +42,7 @@ pub(super) struct Layer<'a> {
     pub(super) id: u32,
     pub(super) alpha: f64,
     pub(super) color: DVec3,
+    /// The mean of its samples' normals on the side that is seen.
     pub(super) normal: DVec3,
     pub(super) material: &'a Material,
 }
@@ -93,7 +94,7 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
             id: first.id,
             alpha,
             color: mean(|s| s.color),
-            normal: if shows_back { -side(true) } else { side(false) },
+            normal: if shows_back { -side(true) } else { side(false) } / covered_by(shows_back),
             material: first.material,
         })
     })

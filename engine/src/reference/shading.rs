@@ -27,7 +27,7 @@ struct Lamp {
 /// What light falls on.
 pub(super) struct Spot {
     pub(super) point: DVec3,
-    /// On the side that is seen, any length; zero for a splat without a normal.
+    /// On the side that is seen, of length 1, or less for the mean of several; zero for a splat without a normal.
     pub(super) normal: DVec3,
     /// The direction from the eye to the point, any length.
     pub(super) seen_along: DVec3,
@@ -68,18 +68,38 @@ impl Lighting {
             [emission, ambient, diffuse, specular, exponent].map(f64::from);
         let view = -spot.seen_along.normalize_or_zero();
         let normal = spot.normal.normalize_or_zero();
+        let length = spot.normal.length().min(1.0);
+        // Toksvig, *Mipmapping Normal Maps*, 2005: a highlight is as wide as it and the normals are.
+        let wider = exponent * length / (length + exponent * (1.0 - length));
+        let specular = specular * (1.0 + wider) / (1.0 + exponent);
         let (mut scattered, mut mirrored) = (DVec3::ZERO, DVec3::ZERO);
         for lamp in &self.lamps {
             let towards = match lamp.place {
                 Place::Infinite(towards) => towards,
                 Place::At(position) => (position - spot.point).normalize_or_zero(),
             };
-            if normal.dot(towards) > 0.0 {
-                scattered += lamp.color * normal.dot(towards);
+            let cosine = mean_cosine(length, normal.dot(towards), view.dot(towards));
+            if cosine > 0.0 {
+                scattered += lamp.color * cosine;
                 let half_way = (towards + view).normalize_or_zero();
-                mirrored += lamp.color * normal.dot(half_way).max(0.0).powf(exponent);
+                mirrored += lamp.color * normal.dot(half_way).max(0.0).powf(wider);
             }
         }
         color * (emission + ambient * self.ambient + diffuse * scattered) + specular * mirrored
     }
+}
+
+/// The mean of max(n·l, 0) over normals whose mean has a length and a cosine with l, where the eye's cosine with l is `facing`: half the
+/// sum of the mean of n·l, which the normals behind the eye's horizon turn towards it, and of that of |n·l|, the root of its mean
+/// square less what it varies.
+fn mean_cosine(length: f64, cosine: f64, facing: f64) -> f64 {
+    if length == 0.0 {
+        return 0.0;
+    }
+    let lost = 1.0 - length.max(0.5);
+    let across = lost - lost * lost * (2.0 / 3.0);
+    let square = across + (1.0 - 3.0 * across) * cosine * cosine;
+    let either = (1.0 - 0.402 * across) * square.max(0.0).sqrt();
+    let signed = (1.0 - 2.0 * lost) * cosine + lost * facing;
+    (0.5 * (either + signed)).max(0.0)
 }

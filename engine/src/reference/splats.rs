@@ -22,6 +22,9 @@ const MOST_OPAQUE: f64 = 1.0 - 1e-9;
 /// The steepest slope dz/dx that a surfel's plane is followed along: 88°.
 const STEEPEST: f64 = 30.0;
 
+/// How even the filter makes coverage at most, as the floor says it.
+const EVENLY_COVERED: f64 = 0.99;
+
 /// What every ray of a picture shares.
 pub(super) struct Setup<'a> {
     pub(super) view: View,
@@ -155,6 +158,19 @@ impl<'a> Setup<'a> {
         }
     }
 
+    /// The filter spreads a splat over a larger shadow, and dims it by as much.
+    fn attenuation(&self, filtered: &Gaussian, columns: &[DVec3; 5]) -> f64 {
+        let direction = self.view.direction(filtered.center);
+        let [a, b, c, ..] = *columns;
+        match Gaussian::new(filtered.center, &[a, b, c, DVec3::ZERO, DVec3::ZERO]) {
+            Some(bare) if self.low_pass > 0.0 && direction != DVec3::ZERO => {
+                bare.shadow(direction) / filtered.shadow(direction)
+            }
+            Some(_) => 1.0,
+            None => 0.0,
+        }
+    }
+
     /// The balls of all splats that can be seen at all.
     pub(super) fn balls(&self) -> Vec<Ball> {
         let of_cloud = |placed: &Placed<'a>| {
@@ -235,6 +251,9 @@ impl<'a> Setup<'a> {
                     cosine if cosine < 0.0 => -normal,
                     _ => normal,
                 };
+                // What random places lack fades as the root of the area that the filter averages.
+                let floor = f64::from(surface.coverage_floor);
+                let even = floor.max(EVENLY_COVERED);
                 let prototype = Sample {
                     z: center.z,
                     plane_z: center.z,
@@ -247,7 +266,7 @@ impl<'a> Setup<'a> {
                     back: false,
                     material: &splats.material,
                     depth_tolerance: f64::from(surface.depth_tolerance) * placed.volume_scale.cbrt(),
-                    coverage_floor: f64::from(surface.coverage_floor),
+                    coverage_floor: even - (even - floor) * self.attenuation(&gaussian, &columns).sqrt(),
                 };
                 let cutoff = self.settings.cutoff;
                 let filter = self.view.filter_at(center.z, self.low_pass).max_element();
@@ -258,17 +277,7 @@ impl<'a> Setup<'a> {
             Kind::Extinction => Amplitude::Mass(f64::from(splats.strength(index)) * placed.volume_scale),
             Kind::Opacity(OpacityFilter::Classic) => Amplitude::Peak(f64::from(splats.strength(index))),
             Kind::Opacity(OpacityFilter::Compensated) => {
-                // The filter spreads the kernel over a larger shadow and dims it by as much.
-                let direction = self.view.direction(center);
-                let [a, b, c, ..] = columns;
-                let share = match Gaussian::new(center, &[a, b, c, DVec3::ZERO, DVec3::ZERO]) {
-                    Some(bare) if self.low_pass > 0.0 && direction != DVec3::ZERO => {
-                        bare.shadow(direction) / gaussian.shadow(direction)
-                    }
-                    Some(_) => 1.0,
-                    None => 0.0,
-                };
-                Amplitude::Peak(f64::from(splats.strength(index)) * share)
+                Amplitude::Peak(f64::from(splats.strength(index)) * self.attenuation(&gaussian, &columns))
             }
         };
         let color = if self.settings.shade {

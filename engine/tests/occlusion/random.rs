@@ -1,7 +1,7 @@
 //! Random clusters, near and far, of any kind.
 
-use crate::alike;
 use crate::scenes::*;
+use crate::{alike, in_order};
 use glam::{DVec3, Mat3, Vec3};
 use oblate_engine::cloud::oblate_factor;
 use oblate_engine::{
@@ -82,11 +82,17 @@ proptest! {
         opacity in prop_oneof![Just(1.0_f32), Just(0.999), 0.3..1.0_f32],
         distance in 0.3..5.0_f64,
         is_parallel: bool,
+        wall in prop_oneof![Just(None), (-40.0..40.0_f64).prop_map(Some)],
     ) {
-        let clouds: Vec<_> = (0..3)
+        let mut clouds: Vec<_> = (0..3)
             .filter(|kind| counts[*kind] > 0)
             .map(|kind| patches(seed + kind as u32, (counts[kind], size, opacity, kind)))
             .collect();
+        // Most of them stand behind it, some beside it and some before.
+        clouds.extend(wall.map(|degrees| {
+            let wall = in_order(&plane(200, 0.02, [0.5, 0.5, 0.9]));
+            wall.transformed(tilted(degrees, DVec3::new(0.0, 0.0, -1.0)))
+        }));
         let pose = Pose::look_at(DVec3::new(0.2, 0.1, -distance), DVec3::ZERO, DVec3::Y).unwrap();
         let camera = if is_parallel {
             Camera::orthographic(pose, 2.5, [90, 70]).unwrap()

@@ -60,7 +60,7 @@ fn most_of_nested_spheres_is_left_out() {
             println!("closed: {closed}, camera {number}: {left_out:.3} of {} left out", all.visible);
             assert!(frame.color[128 * 256 + 128][3] > 0.9);
             // Clusters are large here: what is near the outer one of the six spheres is drawn, too.
-            assert!(left_out > if number < 2 { 0.3 } else { 0.0 }, "{left_out}");
+            assert!(left_out > if number < 2 { 0.6 } else { 0.9 }, "{left_out}");
         }
     }
 }
@@ -95,6 +95,40 @@ fn a_hole_of_a_pixel_shows_what_is_far_behind() {
 }
 
 #[test]
+fn a_fence_is_taken_for_a_wall_and_what_is_behind_is_seen_through_it() {
+    let camera = camera(4.0, 256);
+    let pixel = camera.pixel_width_at(4.0) as f32;
+    // A quarter of it is open, in slits that surfels, 3/4 of a pixel apart, do not close: so squares of eight pixels seem covered.
+    let is_open = |x: f32, _: f32| (x / (16.0 * pixel)).rem_euclid(1.0) < 0.25;
+    let mut clouds = vec![wall(0.0, 60.0 * pixel, [0.9, 0.1, 0.1], is_open)];
+    clouds.extend((1..6).map(|i| wall(0.3 * i as f32, 50.0 * pixel, [0.1, 0.9, 0.1], |_, _| false)));
+    let (frame, [all, rest]) = alike(&clouds, &camera, &unshaded());
+    assert!(rest.occluded > all.visible / 8, "{} of {}", rest.occluded, all.visible);
+    let greenest = frame.color.iter().map(|c| c[1] - c[0]).fold(-1.0, f32::max);
+    assert!(greenest > 0.5, "{greenest}");
+    let rounds = |occlusion: bool| {
+        let (scene, counter) =
+            (Scene { clouds: clouds.clone(), lights: Vec::new() }, crate::Counter::default());
+        let settings = RenderSettings { occlusion, ..unshaded() };
+        oblate_engine::render(&scene, &camera, &settings, &counter).unwrap();
+        counter.1.into_inner()
+    };
+    assert_eq!(rounds(false), 1);
+    assert!(rounds(true) > 1, "the first wall behind the fence was not missing");
+}
+
+#[test]
+fn where_little_is_hidden_all_is_drawn_at_once() {
+    // Two spheres beside each other, a third of one behind the other: less than a fifth of what is seen.
+    let one = in_order(&sphere(60_000, 0.5, [0.3, 0.6, 0.9]));
+    let clouds = [DVec3::ZERO, DVec3::new(0.6, 0.0, 1.5)]
+        .map(|to| one.clone().transformed(DAffine3::from_translation(to)));
+    let (_, [all, rest]) = alike(&clouds, &camera(4.0, 256), &RenderSettings::default());
+    assert_eq!(rest.occluded, 0);
+    assert_eq!(rest.visible, all.visible);
+}
+
+#[test]
 fn glass_that_is_nearly_opaque_hides_only_what_it_may() {
     let camera = camera(4.0, 128);
     for opacity in [0.5, 0.97, 0.999, 0.9991] {
@@ -113,9 +147,9 @@ fn glass_that_is_nearly_opaque_hides_only_what_it_may() {
 
 #[test]
 fn rows_of_spheres_at_the_borders_of_the_picture() {
-    let one = in_order(&sphere(20_000, 0.5, [0.3, 0.6, 0.9]));
+    let one = in_order(&sphere(40_000, 0.5, [0.3, 0.6, 0.9]));
     for shift in [DVec3::ZERO, DVec3::new(0.9, -0.8, 0.0), DVec3::new(-0.65, 1.0, 0.3)] {
-        let clouds: Vec<_> = (0..27)
+        let clouds: Vec<_> = (0..45)
             .map(|i| {
                 let place =
                     DVec3::new(f64::from(i % 3) - 1.0, f64::from(i / 3 % 3) - 1.0, 1.3 * f64::from(i / 9));
@@ -138,7 +172,7 @@ fn the_picture_is_the_same_for_any_number_of_threads_and_side_of_tiles() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let mut renderer = Renderer::with(oblate_engine::simd::Level::best(), side);
         let counter = crate::Counter::default();
-        let settings = RenderSettings { occlusion: true, ..RenderSettings::default() };
+        let settings = RenderSettings::default();
         pool.install(|| renderer.render(&scene, &camera(4.2, 200), &settings, &counter).map(|_| ())).unwrap();
         (renderer.into_frame(), counter.0.into_inner().unwrap())
     };

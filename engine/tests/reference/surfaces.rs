@@ -164,7 +164,8 @@ fn light_falls_as_the_material_says() {
     close(b, 0.0, 1e-9);
     // From behind nothing is lit.
     let behind = Light::Directional { towards: DVec3::Z, color: WHITE };
-    assert_eq!(shown(vec![behind])[..3], [0.0; 3]);
+    // The mean of normals is 1 long but for rounding.
+    shown(vec![behind])[..3].iter().for_each(|channel| close(*channel, 0.0, 1e-15));
 }
 
 #[test]

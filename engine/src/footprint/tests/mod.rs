@@ -12,6 +12,9 @@ use glam::Vec3;
 use proptest::prelude::*;
 use setups::{Seen, Setup, camera, cloud, seen, setup};
 
+/// Splats of a test, and as many more.
+const PLACES: usize = 64;
+
 /// The splats that the wide projection shows, each at its number.
 fn wide(level: Level, projector: &Projector, middle: Vec3, is_surface: bool) -> Vec<Option<Projected>> {
     let wide = WideProjector::new(projector);
@@ -19,9 +22,9 @@ fn wide(level: Level, projector: &Projector, middle: Vec3, is_surface: bool) -> 
     (1..=projector.columns.len)
         .map(|count| {
             // The splats up to this one: if there is one more than without it, it is the last.
-            let mut records = [Record::BLANK; CLUSTER_SIZE];
-            let mut rects = [Rect::default(); CLUSTER_SIZE];
-            let mut distances = [const { AtomicU32::new(0) }; CLUSTER_SIZE];
+            let mut records = [Record::BLANK; PLACES];
+            let mut rects = [Rect::default(); PLACES];
+            let mut distances = [const { AtomicU32::new(0) }; PLACES];
             let mut samples = [SurfaceSample::default(); LANES];
             let (mut run, mut forms) = (Run::new(0), [0; Form::ALL.len()]);
             let mut places = Places {

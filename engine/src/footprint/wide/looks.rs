@@ -1,5 +1,6 @@
 //! Colours, normals and amplitudes.
 
+use super::super::scalar::EVENLY_COVERED;
 use super::WideProjector;
 use super::geometry::{Footprints, Placed, lanes};
 use crate::cloud::OpacityFilter;
@@ -128,7 +129,10 @@ impl WideProjector<'_> {
                 Looks { amplitude, slope: [zero; 2], color, normal, cutoff: own.min(cutoff), is_seen }
             }
             columns::Kind::Surface(surface) => {
-                let coverage = strength * footprints.unit_integral;
+                let even = surface.coverage_floor.max(EVENLY_COVERED as f32);
+                let lacks = splat(simd, surface.coverage_floor - even);
+                let floor = lacks.mul_add(footprints.attenuation.sqrt(), splat(simd, even));
+                let coverage = strength * footprints.unit_integral / floor;
                 let [a, b, _] = footprints.columns;
                 let own = normalize_or_zero(simd, cross(a, b)).each(
                     #[inline(always)]

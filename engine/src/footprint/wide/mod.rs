@@ -28,7 +28,7 @@ pub(super) struct WideProjector<'a> {
     shared_axes: Rows,
     /// −1 where the cloud is mirrored.
     handedness: f32,
-    /// What strengths are multiplied by: the volume's or area's scale, the cut-off's gain, over the coverage floor.
+    /// What strengths are multiplied by: the volume's or area's scale, and the cut-off's gain.
     strength_scale: f32,
     /// A cloud that is stretched unevenly has another area scale for each surfel.
     is_even: bool,
@@ -63,9 +63,7 @@ impl<'a> WideProjector<'a> {
         let strength_scale = match scalar.columns.kind {
             columns::Kind::Extinction => scalar.determinant * gain,
             columns::Kind::Opacity(_) => 1.0,
-            columns::Kind::Surface(surface) => {
-                scalar.determinant.cbrt().powi(2) * gain / f64::from(surface.coverage_floor)
-            }
+            columns::Kind::Surface(_) => scalar.determinant.cbrt().powi(2) * gain,
         };
         let is_surface = matches!(scalar.columns.kind, columns::Kind::Surface(_));
         Self {

@@ -5,7 +5,7 @@ use super::forms::{Along, Forms};
 use super::geometry::{Footprints, Placed};
 use super::looks::Looks;
 use crate::columns::{self, LANES, Lanes};
-use crate::cull::{CLUSTER_SIZE, VisibleRange};
+use crate::cull::VisibleRange;
 use crate::footprint::record::{Form, Kind, Record, Rect, Tag};
 use crate::footprint::{Places, SurfaceSample};
 use crate::simd::*;
@@ -160,20 +160,24 @@ impl WideProjector<'_> {
         );
         let corners: [[i32; LANES]; 2] = [(left | top << 16).into(), (right | bottom << 16).into()];
         let distance: Lanes = distance.into();
-        let mut next = out.run.len;
+        let start = out.run.len;
+        let places = start..start + LANES;
+        let (records, rects) = (&mut out.records[places.clone()], &mut out.rects[places.clone()]);
+        let distances = &mut out.distances[places];
+        let mut next = 0;
         for lane in 0..LANES {
             // Every splat is written; the next one takes the place of one that isn't seen.
-            let place = next % CLUSTER_SIZE;
+            let place = next % LANES;
             set_numbers(
-                &mut out.records[place],
+                &mut records[place],
                 quads.each_ref().each(
                     #[inline(always)]
                     |quad| &quad[lane],
                 ),
             );
-            out.records[place].tag = tags[((forms[1] >> lane & 1) | (forms[2] >> lane & 1) << 1) as usize];
-            set_corners(&mut out.rects[place], corners[0][lane], corners[1][lane]);
-            *out.distances[place].get_mut() = distance[lane].to_bits();
+            records[place].tag = tags[((forms[1] >> lane & 1) | (forms[2] >> lane & 1) << 1) as usize];
+            set_corners(&mut rects[place], corners[0][lane], corners[1][lane]);
+            *distances[place].get_mut() = distance[lane].to_bits();
             next += (visible >> lane & 1) as usize;
         }
     }
