@@ -3,15 +3,11 @@
 //! Working brick by brick makes the sample's number type, the grid's border and values that are not finite
 //! one case (NaN), and gives splats an order in which neighbours in space are neighbours in memory.
 
-use crate::field::difference;
 use crate::volume::{Volume, Voxels};
 use rayon::prelude::*;
 
 /// Samples, and cells, of a brick along an axis.
 pub(crate) const SIDE: usize = 8;
-/// One more below; above, one more for the last cells and one for the gradients at their corners.
-const WIDTH: usize = SIDE + 3;
-const STRIDES: [usize; 3] = [1, WIDTH, WIDTH * WIDTH];
 
 /// Local coordinates of a brick's samples or cells in Morton order.
 pub(crate) const MORTON: [[u8; 3]; SIDE * SIDE * SIDE] = {
@@ -88,108 +84,4 @@ fn range_of<T: Copy + Into<f32>>(samples: &[T], dims: [usize; 3], base: [usize; 
         }
     }
     [low.into_iter().fold(f32::INFINITY, f32::min), high.into_iter().fold(f32::NEG_INFINITY, f32::max)]
-}
-
-/// Bricks that one task of [`walk_bricks`] takes.
-const BRICKS_A_TASK: usize = 32;
-
-/// Loads every brick of a volume and adds it to a batch; batches come in Morton order, for any number of threads.
-pub(crate) fn walk_bricks<B: Default + Send>(
-    volume: &Volume,
-    add: impl Fn(&Brick, [usize; 3], &mut B) + Sync,
-) -> Vec<B> {
-    brick_bases(volume.dims())
-        .par_chunks(BRICKS_A_TASK)
-        .map_init(Brick::default, |brick, bases| {
-            let mut batch = B::default();
-            for &base in bases {
-                brick.load(volume, base);
-                add(brick, base, &mut batch);
-            }
-            batch
-        })
-        .collect()
-}
-
-/// A brick's samples; NaN stands for samples outside the grid and for values that are not finite.
-pub(crate) struct Brick {
-    values: Vec<f32>,
-    /// Smallest and largest finite value, the halo included; reversed when there is none.
-    pub(crate) range: [f32; 2],
-}
-
-impl Default for Brick {
-    fn default() -> Self {
-        Self { values: vec![f32::NAN; WIDTH * STRIDES[2]], range: [f32::INFINITY, f32::NEG_INFINITY] }
-    }
-}
-
-impl Brick {
-    /// Loads the brick whose first sample is `base`.
-    pub(crate) fn load(&mut self, volume: &Volume, base: [usize; 3]) {
-        match volume.voxels() {
-            Voxels::U8(v) => self.fill(v, volume.dims(), base),
-            Voxels::U16(v) => self.fill(v, volume.dims(), base),
-            Voxels::I16(v) => self.fill(v, volume.dims(), base),
-            Voxels::F32(v) => self.fill(v, volume.dims(), base),
-        }
-    }
-
-    fn fill<T: Copy + Into<f32>>(&mut self, samples: &[T], dims: [usize; 3], base: [usize; 3]) {
-        let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
-        // Along an axis: the first sample's place in the brick, the first sample, how many.
-        let span = |axis: usize| {
-            let skipped = usize::from(base[axis] == 0);
-            let first = base[axis] + skipped - 1;
-            (skipped, first, (base[axis] + WIDTH - 1).min(dims[axis]) - first)
-        };
-        let [x, y, z] = [0, 1, 2].map(span);
-        if [x.2, y.2, z.2] != [WIDTH; 3] {
-            self.values.fill(f32::NAN);
-        }
-        for k in 0..z.2 {
-            for j in 0..y.2 {
-                let from = ((z.1 + k) * dims[1] + y.1 + j) * dims[0] + x.1;
-                let to = (z.0 + k) * STRIDES[2] + (y.0 + j) * STRIDES[1] + x.0;
-                for (slot, sample) in self.values[to..to + x.2].iter_mut().zip(&samples[from..from + x.2]) {
-                    let value: f32 = (*sample).into();
-                    *slot = if value.is_finite() { value } else { f32::NAN };
-                    low = low.min(*slot);
-                    high = high.max(*slot);
-                }
-            }
-        }
-        self.range = [low, high];
-    }
-
-    /// Where local sample (i, j, k), each at most 8, lies among the values.
-    #[inline]
-    pub(crate) fn place([i, j, k]: [u8; 3]) -> usize {
-        (usize::from(k) + 1) * STRIDES[2] + (usize::from(j) + 1) * STRIDES[1] + usize::from(i) + 1
-    }
-
-    /// The place of a cell's corner; bit a of `corner` says upper along axis a.
-    #[inline]
-    pub(crate) fn corner(place: usize, corner: usize) -> usize {
-        place + (corner & 1) * STRIDES[0] + (corner >> 1 & 1) * STRIDES[1] + (corner >> 2) * STRIDES[2]
-    }
-
-    /// The samples 0 to 8 along x of local row (j, k), each at most 8.
-    #[inline]
-    pub(crate) fn row(&self, j: usize, k: usize) -> &[f32] {
-        let first = (k + 1) * STRIDES[2] + (j + 1) * STRIDES[1] + 1;
-        &self.values[first..=first + SIDE]
-    }
-
-    #[inline]
-    pub(crate) fn value(&self, place: usize) -> f32 {
-        self.values[place]
-    }
-
-    /// Differences per sample step along the grid's axes.
-    #[inline]
-    pub(crate) fn differences(&self, place: usize) -> [f32; 3] {
-        let here = self.values[place];
-        STRIDES.map(|stride| difference(self.values[place - stride], here, self.values[place + stride]))
-    }
 }

@@ -6,7 +6,6 @@
 //! look at the volume's [`Histogram`] when the user says nothing.
 
 mod brick;
-mod cell;
 mod classify;
 mod field;
 pub mod histogram;
@@ -19,7 +18,10 @@ mod transfer_text;
 pub mod volume;
 
 pub use histogram::{Classes, Histogram, propose_iso};
-pub use iso::{COVERAGE_FLOOR, IsoError, IsoSettings, SURFEL_BLUR, iso_surfels};
+pub use iso::{
+    COVERAGE_FLOOR, Grid, Interpolation, IsoError, IsoExtractor, IsoSettings, IsoSurfel, IsoSurfels,
+    SURFEL_BLUR, iso_surfels, stream_iso_surfels,
+};
 pub use kernels::{Classifier, KERNEL_SIGMA, KernelSettings, to_kernels};
 pub use phantom::{marschner_lobb, marschner_lobb_at, shepp_logan};
 pub use presets::{PRESETS, Preset, preset};

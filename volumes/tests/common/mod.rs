@@ -1,6 +1,8 @@
 //! What several tests of this crate share.
 #![allow(dead_code, reason = "each test binary uses its own part")]
 
+pub(crate) mod cells;
+
 use std::io::Read;
 use std::path::PathBuf;
 

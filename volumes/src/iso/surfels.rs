@@ -1,0 +1,182 @@
+//! Surfels as they are found, and as a cloud.
+
+use bytemuck::allocation::cast_vec;
+use glam::{DAffine3, Mat3};
+use rayon::prelude::*;
+
+use oblate_engine::{Cloud, Shapes, Splats, Strength, Surface};
+
+use super::surfel::{IsoSurfel, NUMBERS};
+use super::{COVERAGE_FLOOR, IsoError, IsoSettings};
+use crate::volume::GridFrame;
+
+/// About the largest standard deviation of a surfel, in steps: no polygon in a cell has much more than 1/6 as
+/// its variance along an axis.
+const SURFEL_RADIUS: f64 = 0.8;
+
+/// The surfels of a surface: 40 bytes each, block of cells by block, in Morton order of bricks of 8×8×8 cells.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct IsoSurfels {
+    pub(super) blocks: Vec<Block>,
+    pub(super) open: bool,
+    pub(super) frame: GridFrame,
+}
+
+/// The surfels of a block of cells.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Block {
+    /// The first number of each, then the second, as [`IsoSurfel::new`] takes them.
+    pub(super) numbers: Vec<f32>,
+}
+
+impl Block {
+    fn len(&self) -> usize {
+        self.numbers.len() / NUMBERS
+    }
+
+    fn areas(&self) -> &[f32] {
+        &self.numbers[(NUMBERS - 1) * self.len()..]
+    }
+
+    #[inline]
+    fn iter(&self) -> impl Iterator<Item = IsoSurfel> + '_ {
+        let n = self.len();
+        (0..n).map(move |i| IsoSurfel::new(std::array::from_fn(|number| self.numbers[number * n + i])))
+    }
+}
+
+impl IsoSurfels {
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.blocks.iter().map(Block::len).sum()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// All of them, in order.
+    pub fn iter(&self) -> impl Iterator<Item = IsoSurfel> + '_ {
+        self.blocks.iter().flat_map(Block::iter)
+    }
+
+    /// Whether the surface ends nowhere: neither at the grid's border nor beside values that are not finite.
+    pub fn is_closed(&self) -> bool {
+        !self.open
+    }
+
+    /// The area of the surface, in squared world units: the sum of its polygons'.
+    pub fn area(&self) -> f64 {
+        // A sum for each block, so that its order is the same for any number of threads.
+        let of_block = |block: &Block| block.areas().iter().map(|area| f64::from(*area)).sum::<f64>();
+        self.blocks.par_iter().map(of_block).collect::<Vec<_>>().into_iter().sum()
+    }
+
+    /// Where the grid lies; surfels are relative to its sample (0, 0, 0).
+    pub fn frame(&self) -> GridFrame {
+        self.frame
+    }
+
+    /// As splats, relative to the grid's sample (0, 0, 0).
+    pub fn splats(&self, settings: &IsoSettings) -> Splats {
+        self.splats_of(&self.blocks, settings)
+    }
+
+    /// The same in parts, so that not all of them are in memory, in order: those of a block of at most 32³ cells each.
+    pub fn parts<'a>(&'a self, settings: &'a IsoSettings) -> impl Iterator<Item = Splats> + 'a {
+        let blocks = self.blocks.iter().filter(|block| block.len() > 0);
+        blocks.map(|block| self.splats_of(std::slice::from_ref(block), settings))
+    }
+
+    fn splats_of(&self, blocks: &[Block], settings: &IsoSettings) -> Splats {
+        let len = blocks.iter().map(Block::len).sum();
+        let mut arrays = Arrays::new(len);
+        arrays.fill(blocks, settings.flattening, settings.color);
+        let steps = self.frame.direction * glam::DMat3::from_diagonal(self.frame.spacing);
+        let columns = [steps.x_axis, steps.y_axis, steps.z_axis];
+        let longest_step = columns.into_iter().fold(0.0, |longest: f64, step| longest.max(step.length()));
+        Splats {
+            centers: cast_vec(arrays.centers),
+            shapes: Shapes::Each(cast_vec(arrays.factors)),
+            strength: Strength::Surface(Surface {
+                areas: arrays.areas,
+                opacities: (settings.opacity < 1.0).then(|| vec![settings.opacity; len]),
+                depth_tolerance: (SURFEL_RADIUS * longest_step) as f32,
+                coverage_floor: COVERAGE_FLOOR,
+                closed: self.is_closed(),
+            }),
+            colors: cast_vec(arrays.colors),
+            harmonics: None,
+            normals: Some(cast_vec(arrays.normals)),
+            material: settings.material,
+        }
+    }
+
+    /// As a cloud in the world: its space has the world's axes and its origin at sample (0, 0, 0).
+    ///
+    /// # Errors
+    /// When a setting is outside its range, or there are 2³² surfels or more.
+    pub fn cloud(&self, settings: &IsoSettings) -> Result<Cloud, IsoError> {
+        settings.check()?;
+        let cloud = Cloud::new(self.splats(settings))?;
+        Ok(cloud.transformed(DAffine3::from_translation(self.frame.origin)))
+    }
+}
+
+/// Numbers of splats. They come as zeros, which systems give for nothing.
+struct Arrays {
+    centers: Vec<f32>,
+    factors: Vec<f32>,
+    areas: Vec<f32>,
+    normals: Vec<f32>,
+    colors: Vec<f32>,
+}
+
+impl Arrays {
+    fn new(len: usize) -> Self {
+        Self {
+            centers: vec![0.0; 3 * len],
+            factors: vec![0.0; 9 * len],
+            areas: vec![0.0; len],
+            normals: vec![0.0; 3 * len],
+            colors: vec![0.0; 3 * len],
+        }
+    }
+
+    fn fill(&mut self, blocks: &[Block], flattening: f32, color: [f32; 3]) {
+        let mut rest = (
+            &mut self.centers[..],
+            &mut self.factors[..],
+            &mut self.areas[..],
+            &mut self.normals[..],
+            &mut self.colors[..],
+        );
+        let mut parts = Vec::with_capacity(blocks.len());
+        for block in blocks {
+            let n = block.len();
+            let (centers, factors, areas, normals, colors) = rest;
+            let (centers, factors) = (centers.split_at_mut(3 * n), factors.split_at_mut(9 * n));
+            let (areas, normals, colors) =
+                (areas.split_at_mut(n), normals.split_at_mut(3 * n), colors.split_at_mut(3 * n));
+            parts.push((block, centers.0, factors.0, areas.0, normals.0, colors.0));
+            rest = (centers.1, factors.1, areas.1, normals.1, colors.1);
+        }
+        parts.into_par_iter().for_each(|(block, centers, factors, areas, normals, colors)| {
+            let vectors = centers.chunks_exact_mut(3).zip(normals.chunks_exact_mut(3));
+            let numbers = factors.chunks_exact_mut(9).zip(areas).zip(colors.chunks_exact_mut(3));
+            for ((surfel, (center, to_normal)), ((factor, area), to_color)) in
+                block.iter().zip(vectors).zip(numbers)
+            {
+                let [u, v] = surfel.half_axes;
+                let normal = surfel.normal();
+                let w = normal * (v.length() / flattening);
+                center.copy_from_slice(&surfel.center.to_array());
+                factor.copy_from_slice(&Mat3::from_cols(u, v, w).to_cols_array());
+                *area = surfel.area;
+                to_normal.copy_from_slice(&normal.to_array());
+                to_color.copy_from_slice(&color);
+            }
+        });
+    }
+}
