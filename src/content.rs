@@ -73,20 +73,8 @@ pub(crate) fn load(source: Source, given: &FileOptions, console: Console) -> Res
 
 /// Reads a file and says which options it had a use for.
 pub(crate) fn open(path: &Path, options: &FileOptions, console: Console) -> Result<(Opened, Uses)> {
-    let layout = |dims| RawLayout {
-        dims,
-        sample_type: options.sample_type.unwrap_or_default().into(),
-        endian: options.endian.unwrap_or_default().into(),
-    };
-    let raw = options.dims.map(layout);
-    let mut settings = OpenOptions {
-        raw,
-        spacing: options.spacing.map(DVec3::from),
-        texture: options.texture.clone(),
-        level: options.level,
-        ..OpenOptions::default()
-    };
-    settings.max_memory = options.max_memory.unwrap_or(settings.max_memory);
+    let mut settings = open_options(options);
+    let raw = settings.raw;
     let task = Arc::new(console.task(format!("reading {}", path.display())));
     let told = Arc::clone(&task);
     settings.watch = Some(Watch::new(move |done, of| told.at(done, of)));
@@ -112,6 +100,24 @@ pub(crate) fn open(path: &Path, options: &FileOptions, console: Console) -> Resu
         Content::Splats { .. } => Uses { level: opened.format == "SOG", ..Uses::default() },
     };
     Ok((opened, uses))
+}
+
+/// The options in the importers' words.
+pub(crate) fn open_options(options: &FileOptions) -> OpenOptions {
+    let layout = |dims| RawLayout {
+        dims,
+        sample_type: options.sample_type.unwrap_or_default().into(),
+        endian: options.endian.unwrap_or_default().into(),
+    };
+    let defaults = OpenOptions::default();
+    OpenOptions {
+        raw: options.dims.map(layout),
+        spacing: options.spacing.map(DVec3::from),
+        texture: options.texture.clone(),
+        level: options.level,
+        max_memory: options.max_memory.unwrap_or(defaults.max_memory),
+        ..defaults
+    }
 }
 
 impl From<SampleKind> for SampleType {

@@ -144,7 +144,7 @@ pub(crate) struct PictureOptions {
     /// Whether one splat is drawn for several where the picture can't tell [default: on]
     #[arg(long, value_name = "on|off", value_parser = notation::switch)]
     pub(crate) level_of_detail: Option<bool>,
-    /// Whether splats hidden by what is nearer are left out before they are projected [default: off]
+    /// Whether splats hidden by what is nearer are left out before they are projected, where many are [default: on]
     #[arg(long, value_name = "on|off", value_parser = notation::switch)]
     pub(crate) occlusion: Option<bool>,
     /// Lets a slow reference draw the picture: r1 integrates the filtered splats along pixel centres, r2

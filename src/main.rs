@@ -36,6 +36,7 @@ enum Command {
     Info(command::info::InfoArgs),
     Pick(Box<command::pick::PickArgs>),
     Convert(Box<command::convert::ConvertArgs>),
+    Extract(Box<command::extract::ExtractArgs>),
     Compare(command::compare::CompareArgs),
 }
 
@@ -46,6 +47,7 @@ fn main() -> ExitCode {
         Command::Info(args) => command::info::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Pick(args) => command::pick::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Convert(args) => command::convert::run(*args).map(|()| ExitCode::SUCCESS),
+        Command::Extract(args) => command::extract::run(*args).map(|()| ExitCode::SUCCESS),
         Command::Compare(args) => command::compare::run(&args),
     };
     result.unwrap_or_else(|error| {

@@ -1,6 +1,8 @@
 //! Files that appear only when they are complete.
 
-use anyhow::{Context, Result};
+use crate::command::print;
+use anyhow::{Context, Result, ensure};
+use serde::Serialize;
 use std::fs::OpenOptions;
 use std::io::{BufWriter, Cursor, Seek, Write};
 use std::path::{Path, PathBuf};
@@ -63,6 +65,33 @@ impl Output {
         drop(buffer);
         file.persist(&self.place).map_err(|e| e.error)?;
         Ok(())
+    }
+}
+
+/// Where `--stats` goes.
+pub(crate) enum StatsPlace {
+    StandardOutput,
+    File(Output),
+}
+
+impl StatsPlace {
+    pub(crate) fn begin(path: &Path) -> Result<Self> {
+        if path == Path::new("-") { Ok(Self::StandardOutput) } else { Output::begin(path).map(Self::File) }
+    }
+
+    /// That it is not where something else is written.
+    pub(crate) fn ensure_other(&self, output: &Output) -> Result<()> {
+        let is_same = matches!(self, Self::File(stats) if stats.is_same(output));
+        ensure!(!is_same, "--output and --stats name one file; give two");
+        Ok(())
+    }
+
+    pub(crate) fn finish(self, stats: &impl Serialize) -> Result<()> {
+        let json = serde_json::to_string(stats)? + "\n";
+        match self {
+            Self::StandardOutput => print(&json),
+            Self::File(output) => output.finish(|file| Ok(file.write_all(json.as_bytes())?)),
+        }
     }
 }
 

@@ -1,5 +1,6 @@
 //! What a frame cost: the only clocks of the program.
 
+use anyhow::Result;
 use oblate::engine::simd::{Level, rewrite};
 use oblate::engine::{Counts, Observer, Stage};
 use serde::{Serialize, Serializer};
@@ -146,7 +147,7 @@ pub(crate) fn round_micro(ms: f64) -> f64 {
     (ms * 1e3).round() / 1e3
 }
 
-fn rounded<S: Serializer>(ms: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+pub(crate) fn rounded<S: Serializer>(ms: &f64, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_f64(round_micro(*ms))
 }
 
@@ -174,6 +175,12 @@ pub(crate) fn peak_mib() -> Option<f64> {
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     let kib: f64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some((kib / 1024.0 * 10.0).round() / 10.0)
+}
+
+/// What work gives, and how long it takes.
+pub(crate) fn timed<T>(work: impl FnOnce() -> Result<T>) -> Result<(T, Duration)> {
+    let begun = Instant::now();
+    Ok((work()?, begun.elapsed()))
 }
 
 #[cfg(test)]

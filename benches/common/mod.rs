@@ -86,8 +86,8 @@ pub(crate) fn works() -> Vec<Work> {
         ]
     };
     let hides = |camera| {
-        let occlusion = RenderSettings { occlusion: true, ..shaded };
-        vec![frame("occlusion", camera, occlusion), frame("all", camera, shaded)]
+        let all = RenderSettings { occlusion: false, ..shaded };
+        vec![frame("occlusion", camera, shaded), frame("all", camera, all)]
     };
     let surfels = || vec![frame("1024", surfel_camera(), shaded)];
     vec![

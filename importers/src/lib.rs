@@ -51,7 +51,7 @@ mod watch;
 pub use content::{Content, Note, Opened};
 pub use error::{ImportError, Place};
 pub use export::ExportError;
-pub use volumes::raw::{Endian, LayoutError, RawLayout, SampleType, parse_dims};
+pub use volumes::raw::{Endian, LayoutError, RawLayout, RawSlices, SampleType, parse_dims};
 pub use watch::Watch;
 
 use glam::DVec3;

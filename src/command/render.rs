@@ -1,22 +1,22 @@
 //! `oblate render`.
 
-use super::print;
+use super::{print, use_threads};
 use crate::assemble::{Assembled, assemble};
 use crate::description::Transfer;
 use crate::draw::Drawing;
 use crate::inputs::{SceneArgs, blend};
-use crate::output::Output;
+use crate::output::{Output, StatsPlace};
 use crate::picture::Format;
 use crate::progress::Console;
 use crate::stats::{
-    FrameTimes, SplatForms, Stats, median, milliseconds, peak_mib, round_micro, store_bound_ms,
+    FrameTimes, SplatForms, Stats, median, milliseconds, peak_mib, round_micro, store_bound_ms, timed,
 };
 use crate::transfer;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use clap::Args;
 use oblate::engine::{Scene, Stage};
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::path::PathBuf;
+use std::time::Instant;
 
 /// Draws a picture of a scene file, of meshes, volumes, point clouds and trained splats, or of the built-in scene.
 ///
@@ -65,17 +65,14 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     let console = Console { quiet: args.quiet };
     let repeats = args.repeat.unwrap_or(1);
     ensure!(repeats > 0, "--repeat is 0; it must be at least 1");
-    if let Some(threads) = args.threads {
-        ensure!((1..=1024).contains(&threads), "--threads is {threads}; it must be from 1 to 1024");
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("--threads")?;
-    }
+    use_threads(args.threads)?;
     args.scene.check()?;
     // Places that can't be written to are found before the work.
     let format = Format::of(&args.output, args.bits)?;
     let output = Output::begin(&args.output)?;
     let stats = args.stats.as_deref().map(StatsPlace::begin).transpose()?;
-    if let Some(StatsPlace::File(stats)) = &stats {
-        ensure!(!stats.is_same(&output), "--output and --stats name one file; give two");
+    if let Some(stats) = &stats {
+        stats.ensure_other(&output)?;
     }
 
     let mut described = args.scene.describe()?;
@@ -105,11 +102,6 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     Ok(())
 }
 
-fn timed<T>(work: impl FnOnce() -> Result<T>) -> Result<(T, Duration)> {
-    let begun = Instant::now();
-    Ok((work()?, begun.elapsed()))
-}
-
 /// Medians of the frames; loading and building are not in it.
 fn summary(scene: &Scene, times: &[FrameTimes], by_reference: bool) -> Stats {
     let of =
@@ -132,25 +124,5 @@ fn summary(scene: &Scene, times: &[FrameTimes], by_reference: bool) -> Stats {
         load_ms: 0.0,
         build_ms: 0.0,
         peak_mib: peak_mib(),
-    }
-}
-
-/// Where `--stats` goes.
-enum StatsPlace {
-    StandardOutput,
-    File(Output),
-}
-
-impl StatsPlace {
-    fn begin(path: &Path) -> Result<Self> {
-        if path == Path::new("-") { Ok(Self::StandardOutput) } else { Output::begin(path).map(Self::File) }
-    }
-
-    fn finish(self, stats: &Stats) -> Result<()> {
-        let json = serde_json::to_string(stats)? + "\n";
-        match self {
-            Self::StandardOutput => print(&json),
-            Self::File(output) => output.finish(|file| Ok(file.write_all(json.as_bytes())?)),
-        }
     }
 }

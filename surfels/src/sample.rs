@@ -56,7 +56,7 @@ const MOST_POINTS: [usize; 2] = [64, 2];
 /// Spreads surfels evenly over a mesh, through its primitives' transforms.
 ///
 /// The cloud's space is the mesh's, moved so that the middle of the bounds is its origin; `cloud_to_world`
-/// moves it back. Surfels are flat discs; what they look like is the mean over the area that they own:
+/// moves it back. Surfels are flat discs, along a Morton curve; what they look like is the mean over the area that they own:
 /// - area, in squared mesh units: they sum to [`Mesh::area`];
 /// - the disc faces the mean of the triangles' normals, outwards: a triangle's outside is where its corners
 ///   are seen counter-clockwise, and a mirroring transform leaves outside what was outside;
@@ -119,7 +119,7 @@ pub fn sample(mesh: &Mesh, density: Density, settings: &SamplerSettings) -> Resu
         let look = Appearance::new(&facets, &textures);
         let surfel = |sample| Surfel::new(&points, &cells, &look, sample);
         let surfels: Vec<Surfel> = (0..cells.samples.len()).into_par_iter().filter_map(surfel).collect();
-        let splats = splats(mesh, &surfels, spacing, settings);
+        let splats = splats(mesh, &surfels, spacing, settings).in_morton_order();
         return Ok(Cloud::new(splats)?.transformed(DAffine3::from_translation(middle)));
     }
 }

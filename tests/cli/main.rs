@@ -6,6 +6,7 @@ mod command_line;
 mod compare;
 mod convert;
 mod data;
+mod extract;
 mod instances;
 mod pick;
 mod place;

@@ -30,6 +30,7 @@ use samples::Packing;
 use std::borrow::Cow;
 use std::io::{self, Write};
 use std::path::Path;
+pub use surfel_ply::SurfelWriter;
 use thiserror::Error;
 
 /// What a file is written as.

@@ -6,7 +6,7 @@ use crate::ply::surfels::{CENTER, COLOR, Description, FACTOR, Kernel, NORMAL, ha
 use glam::Vec3;
 use oblate_engine::color::linear_to_srgb;
 use oblate_engine::{Blend, Shapes, Splats, Strength};
-use std::io::Write;
+use std::io::{Seek, SeekFrom, Write};
 
 /// Splats that are made bytes of at a time.
 const ROWS: usize = 4096;
@@ -14,41 +14,154 @@ const ROWS: usize = 4096;
 /// Writes splats that are to be mixed in the space `blend`, binary and little-endian.
 pub(crate) fn write(splats: &Splats, blend: Blend, out: &mut dyn Write) -> Result<Vec<Note>, ExportError> {
     check(splats)?;
-    let per_splat = splats.harmonics.as_ref().map_or(0, |harmonics| harmonics.per_splat());
-    let (strength, amounts, opacities) = match &splats.strength {
-        Strength::Surface(surface) => {
-            let kernel = Kernel::Surface {
+    let layout = Layout::of(splats, blend);
+    layout.write_header(splats.centers.len(), 0, out)?;
+    write_rows(splats, out)?;
+    Ok(Vec::new())
+}
+
+/// Surfels on their way into a PLY, part by part, as oblate reads them: for those that are never all in memory.
+pub struct SurfelWriter<'a, W: Write + Seek + ?Sized> {
+    out: &'a mut W,
+    blend: Blend,
+    written: Option<(Layout, usize)>,
+}
+
+impl<'a, W: Write + Seek + ?Sized> SurfelWriter<'a, W> {
+    /// What is written goes to `out`, from its beginning on; the colours of all parts are to be mixed in the space `blend`.
+    pub fn new(out: &'a mut W, blend: Blend) -> Self {
+        Self { out, blend, written: None }
+    }
+
+    /// Appends splats. A surface of several parts is closed if each of them is.
+    ///
+    /// # Errors
+    /// When there are none or arrays differ in length, when they are of another kind than those before, or writing fails.
+    pub fn write(&mut self, splats: &Splats) -> Result<(), ExportError> {
+        check(splats)?;
+        let mut layout = Layout::of(splats, self.blend);
+        let count = match &self.written {
+            None => {
+                layout.write_header(0, COUNT_DIGITS, self.out)?;
+                0
+            }
+            Some((before, count)) => {
+                let is_closed = before.is_closed() && layout.is_closed();
+                layout.set_closed(is_closed);
+                if layout != before.with_closed(is_closed) {
+                    return Err(ExportError::Unsuited("the parts of a file are of one kind".into()));
+                }
+                *count
+            }
+        };
+        write_rows(splats, self.out)?;
+        self.written = Some((layout, count + splats.centers.len()));
+        Ok(())
+    }
+
+    /// Says in the header how many there are; gives their number.
+    ///
+    /// # Errors
+    /// When there are none, or writing fails.
+    pub fn finish(self) -> Result<usize, ExportError> {
+        let Some((layout, count)) = self.written else {
+            return Err(ExportError::Unsuited("there are no splats to write".into()));
+        };
+        self.out.rewind()?;
+        layout.write_header(count, COUNT_DIGITS, self.out)?;
+        self.out.seek(SeekFrom::End(0))?;
+        Ok(count)
+    }
+}
+
+/// Digits of a count that is not yet known.
+const COUNT_DIGITS: usize = 12;
+
+/// What the numbers of a row are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Layout {
+    description: Description,
+    has_opacities: bool,
+    per_splat: usize,
+}
+
+impl Layout {
+    fn of(splats: &Splats, blend: Blend) -> Self {
+        let strength = match &splats.strength {
+            Strength::Surface(surface) => Kernel::Surface {
                 depth_tolerance: surface.depth_tolerance,
                 coverage_floor: surface.coverage_floor,
                 closed: surface.closed,
-            };
-            (kernel, &surface.areas, surface.opacities.as_ref())
-        }
-        Strength::Extinction { masses } => (Kernel::Extinction, masses, None),
-        Strength::Opacity { peaks, filter } => (Kernel::Opacity(*filter), peaks, None),
-    };
-    let description = Description {
-        strength,
-        shared: matches!(splats.shapes, Shapes::Shared(_)),
-        normals: splats.normals.is_some(),
-        blend,
-        material: splats.material,
-    };
-    writeln!(out, "ply\nformat binary_little_endian 1.0\ncomment {description}")?;
-    writeln!(out, "element vertex {}", splats.centers.len())?;
-    for name in CENTER.into_iter().chain(NORMAL) {
-        writeln!(out, "property float {name}")?;
+            },
+            Strength::Extinction { .. } => Kernel::Extinction,
+            Strength::Opacity { filter, .. } => Kernel::Opacity(*filter),
+        };
+        let description = Description {
+            strength,
+            shared: matches!(splats.shapes, Shapes::Shared(_)),
+            normals: splats.normals.is_some(),
+            blend,
+            material: splats.material,
+        };
+        let has_opacities =
+            matches!(&splats.strength, Strength::Surface(surface) if surface.opacities.is_some());
+        let per_splat = splats.harmonics.as_ref().map_or(0, |harmonics| harmonics.per_splat());
+        Self { description, has_opacities, per_splat }
     }
-    writeln!(out, "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty float radius")?;
-    let opacity = opacities.map(|_| "opacity");
-    for name in FACTOR.into_iter().chain(COLOR).chain([strength.property()]).chain(opacity) {
-        writeln!(out, "property float {name}")?;
-    }
-    for name in (0..per_splat).flat_map(harmonic) {
-        writeln!(out, "property float {name}")?;
-    }
-    writeln!(out, "end_header")?;
 
+    fn is_closed(&self) -> bool {
+        matches!(self.description.strength, Kernel::Surface { closed: true, .. })
+    }
+
+    fn set_closed(&mut self, is_closed: bool) {
+        if let Kernel::Surface { closed, .. } = &mut self.description.strength {
+            *closed = is_closed;
+        }
+    }
+
+    fn with_closed(mut self, is_closed: bool) -> Self {
+        self.set_closed(is_closed);
+        self
+    }
+
+    /// The header, with the count in so many digits at least: those of equal layouts are equally long.
+    fn write_header(
+        &self,
+        count: usize,
+        digits: usize,
+        out: &mut (impl Write + ?Sized),
+    ) -> Result<(), ExportError> {
+        let Self { description, has_opacities, per_splat } = self;
+        writeln!(out, "ply\nformat binary_little_endian 1.0\ncomment {description}")?;
+        writeln!(out, "element vertex {count:0digits$}")?;
+        for name in CENTER.into_iter().chain(NORMAL) {
+            writeln!(out, "property float {name}")?;
+        }
+        writeln!(
+            out,
+            "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty float radius"
+        )?;
+        let opacity = has_opacities.then_some("opacity");
+        let strength = description.strength.property();
+        for name in FACTOR.into_iter().chain(COLOR).chain([strength]).chain(opacity) {
+            writeln!(out, "property float {name}")?;
+        }
+        for name in (0..*per_splat).flat_map(harmonic) {
+            writeln!(out, "property float {name}")?;
+        }
+        writeln!(out, "end_header")?;
+        Ok(())
+    }
+}
+
+fn write_rows(splats: &Splats, out: &mut (impl Write + ?Sized)) -> Result<(), ExportError> {
+    let per_splat = splats.harmonics.as_ref().map_or(0, |harmonics| harmonics.per_splat());
+    let (amounts, opacities) = match &splats.strength {
+        Strength::Surface(surface) => (&surface.areas, surface.opacities.as_ref()),
+        Strength::Extinction { masses: amounts } | Strength::Opacity { peaks: amounts, .. } => {
+            (amounts, None)
+        }
+    };
     let mut bytes = Vec::new();
     for first in (0..splats.centers.len()).step_by(ROWS) {
         bytes.clear();
@@ -76,7 +189,7 @@ pub(crate) fn write(splats: &Splats, blend: Blend, out: &mut dyn Write) -> Resul
         }
         out.write_all(&bytes)?;
     }
-    Ok(Vec::new())
+    Ok(())
 }
 
 fn push(bytes: &mut Vec<u8>, numbers: &[f32]) {
@@ -207,6 +320,62 @@ mod tests {
             prop_assert_eq!(format!("{:?}", opened.content), format!("{:?}", Content::Splats { splats, blend }));
             prop_assert_eq!(opened.notes, []);
         }
+    }
+
+    /// Discs on a row, from `first` to before `end`.
+    fn discs([first, end]: [usize; 2], closed: bool) -> Splats {
+        let count = end - first;
+        Splats {
+            centers: (first..end).map(|i| Vec3::new(i as f32, 2.0, -3.0)).collect(),
+            shapes: Shapes::Each(vec![Mat3::from_cols(Vec3::X, Vec3::Y * 0.5, Vec3::ZERO); count]),
+            strength: Strength::Surface(Surface {
+                areas: (first..end).map(|i| i as f32).collect(),
+                opacities: None,
+                depth_tolerance: 0.5,
+                coverage_floor: 0.75,
+                closed,
+            }),
+            colors: vec![[0.25, 0.5, 0.75]; count],
+            harmonics: None,
+            normals: Some(vec![Vec3::Z; count]),
+            material: Material::default(),
+        }
+    }
+
+    #[test]
+    fn parts_are_read_as_one() {
+        for is_closed in [true, false] {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("a.ply");
+            let mut file = std::fs::File::create(&path).unwrap();
+            let mut writer = SurfelWriter::new(&mut file, Blend::Linear);
+            let last = ROWS + 20;
+            // A surface with one open part is open.
+            for (part, closed) in [([0, 7], true), ([7, 12], is_closed), ([12, last], true)] {
+                writer.write(&discs(part, closed)).unwrap();
+            }
+            assert_eq!(writer.finish().unwrap(), last);
+            let opened = crate::open(&path, &OpenOptions::default()).unwrap();
+            assert_eq!(
+                opened.content,
+                Content::Splats { splats: discs([0, last], is_closed), blend: Blend::Linear }
+            );
+        }
+    }
+
+    #[test]
+    fn parts_that_do_not_fit_are_refused() {
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        let mut writer = SurfelWriter::new(&mut bytes, Blend::Linear);
+        writer.write(&discs([0, 3], true)).unwrap();
+        let unlit = Splats { material: Material::UNLIT, ..discs([3, 4], true) };
+        for other in [unlit, Splats { normals: None, ..discs([3, 4], true) }] {
+            assert!(writer.write(&other).unwrap_err().to_string().contains("one kind"));
+        }
+        assert!(writer.write(&discs([3, 3], true)).unwrap_err().to_string().contains("no splats"));
+        assert_eq!(writer.finish().unwrap(), 3);
+        let empty = SurfelWriter::new(&mut bytes, Blend::Linear).finish();
+        assert!(empty.unwrap_err().to_string().contains("no splats"));
     }
 
     #[test]

@@ -7,10 +7,13 @@ use crate::file::File;
 use crate::format;
 use crate::inflate;
 use crate::scalar::Scalar;
-use crate::volumes::voxels::Layout;
+use crate::source::Source;
+use crate::volumes::voxels::{Layout, Samples};
 use crate::{ImportError, OpenOptions, Place};
-use oblate_volumes::{GridFrame, Volume};
+use oblate_volumes::{Grid, GridFrame, Volume, Voxels};
 use std::fmt;
+use std::ops::Range;
+use std::path::Path;
 use std::str::FromStr;
 use thiserror::Error;
 
@@ -211,5 +214,78 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportE
         Err(wrong(format!("{} bytes; {expected} are expected", file.bytes.len())))
     } else {
         layout.volume(file, &file.bytes, GridFrame::default(), options)
+    }
+}
+
+/// Raw samples that stay in their file, which is read slice by slice.
+pub struct RawSlices {
+    source: Source,
+    layout: Layout,
+    frame: GridFrame,
+}
+
+impl RawSlices {
+    /// Opens a file that is not compressed; its layout is the options', else its name's.
+    ///
+    /// # Errors
+    /// When the file can't be read or has another number of bytes than its layout needs, or nothing tells the layout.
+    pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Self, ImportError> {
+        let source = Source::open(path.as_ref(), options.watch.as_ref())?;
+        let RawLayout { dims, sample_type, endian } = layout(&source.head, options)?;
+        let layout = Layout { dims, scalar: sample_type.scalar(), endian };
+        let expected = layout.bytes(&source.head)?;
+        if source.size != expected {
+            let [x, y, z] = dims;
+            let problem = format!(
+                "{} bytes; {expected} are expected (dims {x}x{y}x{z} of {sample_type}, not compressed)",
+                source.size
+            );
+            return Err(source.head.malformed(Place::Whole, problem));
+        }
+        let frame = GridFrame::default();
+        let frame = GridFrame { spacing: options.spacing.unwrap_or(frame.spacing), ..frame };
+        Ok(Self { source, layout, frame })
+    }
+
+    /// The grid.
+    pub fn grid(&self) -> Grid {
+        Grid { dims: self.layout.dims, frame: self.frame }
+    }
+
+    /// The samples of some slices; beyond the last there are none.
+    ///
+    /// # Errors
+    /// When the file can't be read.
+    pub fn read(&self, slices: Range<usize>) -> Result<Voxels, ImportError> {
+        let [x, y, z] = self.layout.dims;
+        let slice = x * y * self.layout.scalar.size();
+        let slices = slices.start.min(z)..slices.end.min(z);
+        let bytes = self.source.bytes(slices.start * slice, slices.len() * slice)?;
+        self.layout.voxels(&self.source.head, &Samples::Binary(bytes.into()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slices_are_those_of_the_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let samples: Vec<u16> = (0..4 * 3 * 5).map(|i| i * 257 + 1).collect();
+        let bytes: Vec<u8> = samples.iter().flat_map(|sample| sample.to_be_bytes()).collect();
+        let path = folder.path().join("a_4x3x5_u16be.raw");
+        std::fs::write(&path, &bytes).unwrap();
+        let slices = RawSlices::open(&path, &OpenOptions::default()).unwrap();
+        assert_eq!(slices.grid(), Grid { dims: [4, 3, 5], frame: GridFrame::default() });
+        for range in [0..5, 0..1, 2..4, 4..9, 5..5, 7..9] {
+            let part = samples[range.start.min(5) * 12..range.end.min(5) * 12].to_vec();
+            assert_eq!(slices.read(range.clone()).unwrap(), Voxels::U16(part), "{range:?}");
+        }
+        // Another layout than the bytes have.
+        let raw = RawLayout { dims: [4, 3, 5], sample_type: SampleType::U8, endian: Endian::Big };
+        let options = OpenOptions { raw: Some(raw), ..OpenOptions::default() };
+        let problem = RawSlices::open(&path, &options).err().unwrap().to_string();
+        assert!(problem.contains("120 bytes; 60 are expected"), "{problem}");
     }
 }

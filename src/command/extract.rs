@@ -1,0 +1,241 @@
+//! `oblate extract`.
+
+use super::use_threads;
+use crate::check::Wrong;
+use crate::content::{open, open_options};
+use crate::description::FileOptions;
+use crate::notation::comma_list;
+use crate::output::{Output, StatsPlace, WriteSeek};
+use crate::progress::Console;
+use crate::stats::{median, milliseconds, peak_mib, rounded, timed};
+use anyhow::{Context, Result, anyhow, ensure};
+use clap::Args;
+use glam::DVec3;
+use oblate::engine::Blend;
+use oblate::importers::export::SurfelWriter;
+use oblate::importers::{Content, RawSlices, Watch};
+use oblate::volumes::{
+    Grid, Interpolation, IsoExtractor, IsoSettings, IsoSurfels, Volume, stream_iso_surfels,
+};
+use serde::Serialize;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Writes the surface at a value of a volume as surfels, in oblate's own PLY: places, normals, areas, half-axes.
+#[derive(Args)]
+pub(crate) struct ExtractArgs {
+    /// A volume: NRRD, VTI, VTR, VTK, MetaImage, NIfTI, TIFF, DICOM, slices, raw
+    #[arg(value_name = "VOLUME")]
+    volume: PathBuf,
+    /// The value on the surface
+    #[arg(long, value_name = "V", allow_hyphen_values = true)]
+    iso: f32,
+    /// The surfels, .ply
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Surface and normals of a tricubic B-spline instead of the trilinear interpolant: for smooth data, takes longer
+    #[arg(long)]
+    tricubic: bool,
+    /// Reads a raw file some slices at a time, so that it is never in memory as a whole
+    #[arg(long, conflicts_with_all = ["repeat", "again"])]
+    stream: bool,
+    #[command(flatten)]
+    file: FileOptions,
+    /// Threads [default: all cores]
+    #[arg(long, value_name = "N", help_heading = "Running")]
+    threads: Option<usize>,
+    /// Extractions that --stats takes the medians of, after one that warms up [default: 1]
+    #[arg(long, value_name = "N", help_heading = "Running")]
+    repeat: Option<usize>,
+    /// The second value that --stats measures, with the hierarchy in place [default: the value of --iso]
+    #[arg(long, value_name = "V", allow_hyphen_values = true, help_heading = "Running")]
+    again: Option<f32>,
+    /// Writes what it took as one JSON object; - is standard output
+    #[arg(long, value_name = "FILE|-", help_heading = "Running")]
+    stats: Option<PathBuf>,
+    /// Says nothing but errors
+    #[arg(long, short, help_heading = "Running")]
+    quiet: bool,
+}
+
+/// `--stats`; times are medians in milliseconds.
+#[derive(Serialize)]
+struct ExtractStats {
+    surfels: u64,
+    /// In squared world units.
+    area: f64,
+    closed: bool,
+    threads: usize,
+    /// The volume in memory to surfels in memory, with the hierarchy's making; of a stream with reading and writing.
+    #[serde(serialize_with = "rounded")]
+    extract_ms: f64,
+    /// Of it the hierarchy's making; null for a stream.
+    hierarchy_ms: Option<f64>,
+    /// The second value, with the hierarchy in place; null for a stream.
+    again_ms: Option<f64>,
+    again_surfels: Option<u64>,
+    #[serde(serialize_with = "rounded")]
+    load_ms: f64,
+    #[serde(serialize_with = "rounded")]
+    write_ms: f64,
+    /// Largest resident size of the process; null where the system doesn't tell.
+    peak_mib: Option<f64>,
+}
+
+pub(crate) fn run(args: ExtractArgs) -> Result<()> {
+    let console = Console { quiet: args.quiet };
+    args.file.check().map_err(Wrong::option)?;
+    ensure!(args.repeat != Some(0), "--repeat is 0; it must be at least 1");
+    for (option, value) in [("iso", Some(args.iso)), ("again", args.again)] {
+        ensure!(value.is_none_or(f32::is_finite), "--{option} is not finite");
+    }
+    let is_ply = args.output.extension().is_none_or(|e| e.eq_ignore_ascii_case("ply"));
+    ensure!(is_ply, "{}: surfels are written as .ply; convert writes others", args.output.display());
+    use_threads(args.threads)?;
+    // Places that can't be written to are found before the work.
+    let output = Output::begin(&args.output)?;
+    let stats = args.stats.as_deref().map(StatsPlace::begin).transpose()?;
+    if let Some(stats) = &stats {
+        stats.ensure_other(&output)?;
+    }
+    let settings = IsoSettings {
+        interpolation: if args.tricubic { Interpolation::Tricubic } else { Interpolation::Trilinear },
+        ..IsoSettings::default()
+    };
+    let name = args.volume.display().to_string();
+    let made = if args.stream { stream(&args, &settings, output) } else { whole(&args, &settings, output) };
+    let found = made.with_context(|| name.clone())?;
+    let (count, closed) = (found.surfels, if found.closed { "closed" } else { "open" });
+    console.say(format_args!(
+        "wrote {}, {count} surfels of a {closed} surface, area {}",
+        args.output.display(),
+        found.area as f32
+    ));
+    stats.map_or(Ok(()), |place| place.finish(&found))
+}
+
+/// The volume in memory.
+fn whole(args: &ExtractArgs, settings: &IsoSettings, output: Output) -> Result<ExtractStats> {
+    let console = Console { quiet: args.quiet };
+    let (volume, load_time) = timed(|| load(args, console))?;
+    let extractor = IsoExtractor::new(&volume);
+    let measured = args.stats.is_some() || args.repeat.is_some();
+    let repeats = if measured { 1 + args.repeat.unwrap_or(1) } else { 1 };
+    let again = args.again.unwrap_or(args.iso);
+    let (mut surfels, mut others) = (IsoSurfels::default(), IsoSurfels::default());
+    let [mut extractions, mut hierarchies, mut second] = [const { Vec::new() }; 3];
+    for _ in 0..repeats {
+        let (made, hierarchy_time) = timed(|| Ok(IsoExtractor::new(&volume)))?;
+        let ((), found_in) =
+            timed(|| Ok(made.extract_into(args.iso, settings.interpolation, &mut surfels)?))?;
+        hierarchies.push(milliseconds(hierarchy_time));
+        extractions.push(milliseconds(hierarchy_time + found_in));
+        if measured {
+            let ((), time) =
+                timed(|| Ok(extractor.extract_into(again, settings.interpolation, &mut others)?))?;
+            second.push(milliseconds(time));
+        }
+    }
+    let first = usize::from(measured);
+    let place = place_of(Grid { dims: volume.dims(), frame: volume.frame() }, console);
+    let ((), write_time) = timed(|| {
+        output.finish(|file| {
+            let mut writer = SurfelWriter::new(file, Blend::Linear);
+            write(&surfels, settings, place, &mut writer)?;
+            writer.finish()?;
+            Ok(())
+        })
+    })?;
+    let micro = |times: Vec<f64>| crate::stats::round_micro(median(times));
+    Ok(ExtractStats {
+        surfels: surfels.len() as u64,
+        area: surfels.area(),
+        closed: surfels.is_closed(),
+        threads: rayon::current_num_threads(),
+        extract_ms: median(extractions.split_off(first)),
+        hierarchy_ms: Some(micro(hierarchies.split_off(first))),
+        again_ms: measured.then(|| micro(second.split_off(first))),
+        again_surfels: measured.then(|| others.len() as u64),
+        load_ms: milliseconds(load_time),
+        write_ms: milliseconds(write_time),
+        peak_mib: peak_mib(),
+    })
+}
+
+/// The volume slab by slab.
+fn stream(args: &ExtractArgs, settings: &IsoSettings, output: Output) -> Result<ExtractStats> {
+    let console = Console { quiet: args.quiet };
+    let task = std::sync::Arc::new(console.task(format!("reading {}", args.volume.display())));
+    let mut options = open_options(&args.file);
+    let told = std::sync::Arc::clone(&task);
+    options.watch = Some(Watch::new(move |done, of| told.at(done, of)));
+    let slices = RawSlices::open(&args.volume, &options)?;
+    let place = place_of(slices.grid(), console);
+    let (mut area, mut closed, mut count) = (0.0, true, 0);
+    let begun = Instant::now();
+    output.finish(|file| {
+        let mut writer = SurfelWriter::new(file, Blend::Linear);
+        let read = |range| slices.read(range).map_err(anyhow::Error::from);
+        stream_iso_surfels(&slices.grid(), args.iso, settings.interpolation, read, |surfels| {
+            area += surfels.area();
+            closed &= surfels.is_closed();
+            write(surfels, settings, place, &mut writer)
+        })?;
+        count = writer.finish()?;
+        Ok(())
+    })?;
+    Ok(ExtractStats {
+        surfels: count as u64,
+        area,
+        closed,
+        threads: rayon::current_num_threads(),
+        extract_ms: milliseconds(begun.elapsed()),
+        hierarchy_ms: None,
+        again_ms: None,
+        again_surfels: None,
+        load_ms: 0.0,
+        write_ms: 0.0,
+        peak_mib: peak_mib(),
+    })
+}
+
+fn load(args: &ExtractArgs, console: Console) -> Result<Volume> {
+    let (opened, uses) = open(&args.volume, &args.file, console)?;
+    args.file.check_use(uses).map_err(Wrong::option)?;
+    for note in &opened.notes {
+        console.say(format_args!("{}: {note}", args.volume.display()));
+    }
+    match opened.content {
+        Content::Volume(volume) => Ok(volume),
+        _ => Err(anyhow!("it is no volume")),
+    }
+}
+
+/// Where surfels of a grid go: its sample (0, 0, 0) in the world, if single precision has room for them there.
+fn place_of(Grid { dims, frame }: Grid, console: Console) -> DVec3 {
+    let extent = (frame.spacing * DVec3::from(dims.map(|d| d as f64))).length();
+    let farthest = frame.origin.abs().max_element() + extent;
+    // A surfel's σ is two thirds of a step; rounding may move it by a hundredth.
+    if farthest * f64::from(f32::EPSILON) / 2.0 <= frame.spacing.max_element() / 150.0 {
+        return frame.origin;
+    }
+    let origin = comma_list(&frame.origin.to_array());
+    console.say(format_args!("left out: the place {origin}, which centres are relative to"));
+    DVec3::ZERO
+}
+
+/// Writes surfels at their place.
+fn write(
+    surfels: &IsoSurfels,
+    settings: &IsoSettings,
+    place: DVec3,
+    writer: &mut SurfelWriter<'_, dyn WriteSeek + '_>,
+) -> Result<()> {
+    for mut part in surfels.parts(settings) {
+        if place != DVec3::ZERO {
+            part.centers.iter_mut().for_each(|center| *center = (center.as_dvec3() + place).as_vec3());
+        }
+        writer.write(&part)?;
+    }
+    Ok(())
+}
