@@ -15,6 +15,7 @@
 
 mod bin;
 pub mod camera;
+pub mod clip;
 mod closing;
 pub mod cloud;
 pub mod color;
@@ -44,6 +45,7 @@ mod tile;
 pub mod validate;
 
 pub use camera::{Camera, CameraError, Intrinsics, Pose, Projection};
+pub use clip::HalfSpace;
 pub use cloud::{Cloud, CloudError, Harmonics, Material, OpacityFilter, Shapes, Splats, Strength, Surface};
 pub use frame::{Channels, Frame};
 pub use metrics::{Metrics, MetricsError, Pixels, compare};

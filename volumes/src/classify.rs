@@ -3,11 +3,11 @@
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
-use oblate_engine::{Material, Shapes, Splats, Strength};
+use oblate_engine::{Shapes, Splats, Strength};
 
 use crate::brick::{BrickRange, MORTON, SIDE};
 use crate::field::{Sample, differences};
-use crate::kernels::KERNEL_SIGMA;
+use crate::kernels::{Flattening, KERNEL_SIGMA, KernelSettings};
 use crate::transfer::{GradientRamp, Optical, TransferFunction};
 use crate::volume::{Volume, Voxels};
 
@@ -16,14 +16,14 @@ pub(crate) fn splats(
     volume: &Volume,
     bricks: &[BrickRange],
     transfer: &TransferFunction,
-    material: Material,
+    settings: &KernelSettings,
 ) -> Splats {
     let lookup = Lookup::new(volume, bricks, transfer);
     match volume.voxels() {
-        Voxels::U8(v) => Classification::new(volume, v, bricks, &lookup).splats(material),
-        Voxels::U16(v) => Classification::new(volume, v, bricks, &lookup).splats(material),
-        Voxels::I16(v) => Classification::new(volume, v, bricks, &lookup).splats(material),
-        Voxels::F32(v) => Classification::new(volume, v, bricks, &lookup).splats(material),
+        Voxels::U8(v) => Classification::new(volume, v, bricks, &lookup).splats(settings),
+        Voxels::U16(v) => Classification::new(volume, v, bricks, &lookup).splats(settings),
+        Voxels::I16(v) => Classification::new(volume, v, bricks, &lookup).splats(settings),
+        Voxels::F32(v) => Classification::new(volume, v, bricks, &lookup).splats(settings),
     }
 }
 
@@ -61,6 +61,12 @@ impl<'a> Lookup<'a> {
     }
 }
 
+/// A move and a linear map about the place moved to.
+struct Press {
+    offset: DVec3,
+    linear: DMat3,
+}
+
 /// Samples under a transfer function. Their numbers follow Morton order: number n is sample n % 512 of brick
 /// n / 512.
 struct Classification<'a, T> {
@@ -83,21 +89,51 @@ impl<'a, T: Sample> Classification<'a, T> {
 
     /// One array after the other: samples are read again for each, but nothing is held that the cloud does not
     /// need.
-    fn splats(&self, material: Material) -> Splats {
+    fn splats(&self, settings: &KernelSettings) -> Splats {
         let shown: Vec<usize> =
             (0..self.bricks.len()).into_par_iter().flat_map_iter(|brick| self.shown(brick)).collect();
         let steps = self.volume.steps();
-        let center = |index: [usize; 3]| (steps * DVec3::from(index.map(|i| i as f64))).as_vec3();
+        let place = |index: [usize; 3]| steps * DVec3::from(index.map(|i| i as f64));
         let indices = || shown.par_iter().map(|number| self.index(*number));
+        let round = steps * KERNEL_SIGMA;
+        let (centers, shapes) = match settings.flattening {
+            None => (indices().map(|i| place(i).as_vec3()).collect(), Shapes::Shared(round.as_mat3())),
+            Some(flattening) => {
+                let pressed = |index| {
+                    let press = self.press(&flattening, index);
+                    ((place(index) + press.offset).as_vec3(), (press.linear * round).as_mat3())
+                };
+                let (centers, factors) = indices().map(pressed).unzip();
+                (centers, Shapes::Each(factors))
+            }
+        };
         Splats {
-            centers: indices().map(center).collect(),
-            shapes: Shapes::Shared((steps * KERNEL_SIGMA).as_mat3()),
+            centers,
+            shapes,
             strength: Strength::Extinction { masses: indices().map(|index| self.mass(index)).collect() },
             colors: indices().map(|index| self.lookup.color(self.value(index))).collect(),
             harmonics: None,
             normals: Some(indices().map(|index| self.normal(index)).collect()),
-            material,
+            material: settings.material,
         }
+    }
+
+    /// What takes a sample's kernel, seen from its place, towards the surface.
+    fn press(&self, flattening: &Flattening, index: [usize; 3]) -> Press {
+        let stays = Press { offset: DVec3::ZERO, linear: DMat3::IDENTITY };
+        let differences = differences(self.samples, self.volume.dims(), index);
+        let above = f64::from(flattening.value) - f64::from(self.value(index));
+        let gradient = self.gradients_to_world * differences;
+        let squared = gradient.length_squared();
+        let steep = squared > 0.0 && squared >= f64::from(flattening.least_gradient).powi(2);
+        if !(steep && above.abs() <= 0.5 * differences.length()) {
+            return stays;
+        }
+        // Along the gradient, to the place where the value would be the surface's, but for 1 / ratio of everything.
+        let pressed = 1.0 - 1.0 / f64::from(flattening.ratio);
+        let scaled = gradient * (pressed / squared);
+        let outer = DMat3::from_cols(scaled * gradient.x, scaled * gradient.y, scaled * gradient.z);
+        Press { offset: scaled * above, linear: DMat3::IDENTITY - outer }
     }
 
     /// The numbers of a brick's samples that show.

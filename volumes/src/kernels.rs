@@ -20,12 +20,30 @@ pub const KERNEL_SIGMA: f64 = 0.7;
 pub struct KernelSettings {
     /// How the kernels answer light.
     pub material: Material,
+    /// Which of them are flat.
+    pub flattening: Option<Flattening>,
+}
+
+/// Samples beside a surface as surfels among the kernels of the others (Zwicker et al., *EWA Volume Splatting*, 2001, section 6
+/// and figure 10).
+///
+/// A sample within half a step of the place where its value and gradient put the surface is pressed onto it: of its kernel's distance
+/// to the surface, and of its extent along the gradient, 1 / `ratio` is left. Its mass stays, and it is one sample as before, so
+/// that nothing is counted twice and nothing steps as the ratio goes from 1, where kernels are as ever, to infinity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Flattening {
+    /// The value on the surface; finite.
+    pub value: f32,
+    /// The least gradient of what becomes flat, in value per world unit; at least 0. Where it is 0 nothing becomes flat.
+    pub least_gradient: f32,
+    /// Radius over thickness: from 1 (as ever) to infinity (surfels).
+    pub ratio: f32,
 }
 
 /// One extinction kernel for each sample that `transfer` gives extinction; samples that are empty, or not
 /// finite, become nothing.
 ///
-/// The kernels share one covariance, that of a round Gaussian of [`KERNEL_SIGMA`] steps taken to the world by
+/// But for a [`Flattening`], the kernels share one covariance, that of a round Gaussian of [`KERNEL_SIGMA`] steps taken to the world by
 /// the grid's steps, and have the mass extinction × voxel volume: where the field is constant they sum to it,
 /// whatever spacing and directions are (Zwicker et al., *EWA Volume Splatting*, 2001, section 4.3). Normals
 /// point to lower values, and are zero where the gradient is. The cloud's space has the world's axes and its
@@ -86,7 +104,7 @@ impl<V: Borrow<Volume>> Classifier<V> {
     /// # Errors
     /// As [`to_kernels`].
     pub fn classify(&self, transfer: &TransferFunction) -> Result<Cloud, CloudError> {
-        let cloud = Cloud::new(splats(self.volume(), &self.bricks, transfer, self.settings.material))?;
+        let cloud = Cloud::new(splats(self.volume(), &self.bricks, transfer, &self.settings))?;
         Ok(cloud.transformed(DAffine3::from_translation(self.volume().frame().origin)))
     }
 }

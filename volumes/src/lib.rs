@@ -3,7 +3,7 @@
 //! A [`Volume`] becomes splats in two ways, and both can be drawn together: [`to_kernels`] turns each sample
 //! that a [`TransferFunction`] makes visible into an extinction kernel, and a [`Classifier`] does so again each
 //! time the function changes; [`iso_surfels`] samples the surface at a value. [`PRESETS`] and [`propose_iso`]
-//! look at the volume's [`Histogram`] when the user says nothing.
+//! look at the volume's [`Histogram`] when the user says nothing. [`painted`] gives splats the colours of another volume.
 
 mod brick;
 mod classify;
@@ -11,6 +11,7 @@ mod field;
 pub mod histogram;
 pub mod iso;
 pub mod kernels;
+pub mod paint;
 pub mod phantom;
 pub mod presets;
 pub mod transfer;
@@ -22,7 +23,8 @@ pub use iso::{
     COVERAGE_FLOOR, Grid, Interpolation, IsoError, IsoExtractor, IsoSettings, IsoSurfel, IsoSurfels,
     SURFEL_BLUR, iso_surfels, stream_iso_surfels,
 };
-pub use kernels::{Classifier, KERNEL_SIGMA, KernelSettings, to_kernels};
+pub use kernels::{Classifier, Flattening, KERNEL_SIGMA, KernelSettings, to_kernels};
+pub use paint::painted;
 pub use phantom::{marschner_lobb, marschner_lobb_at, shepp_logan};
 pub use presets::{PRESETS, Preset, preset};
 pub use transfer::{
