@@ -6,7 +6,8 @@
 //! mesh's. One Gaussian of one width for all surfels then smooths these areas to an even cover, whatever
 //! the triangles are like: huge, tiny, slivers, or all of them.
 //!
-//! [`point_surfels`] makes each point of a scan a surfel, whose plane and area its neighbours tell.
+//! [`point_surfels`] makes each point of a scan a surfel, whose plane and area its neighbours tell. [`merge_flat`] merges surfels where
+//! a surface is flat.
 //!
 //! ```
 //! use oblate_surfels::{Density, Mesh, SamplerSettings, primitives, sample};
@@ -23,6 +24,7 @@ pub mod primitives;
 mod appearance;
 mod error;
 mod facets;
+mod flat;
 mod grid;
 mod measure;
 mod point_cloud;
@@ -33,6 +35,7 @@ mod texture;
 mod view;
 
 pub use error::SampleError;
+pub use flat::{Deviation, MergeError, Merged, merge_flat};
 pub use mesh::{BaseColor, Mesh, Primitive, Texture, Wrap};
 pub use point_cloud::{
     POINT_COVERAGE_FLOOR, PointCloud, PointColor, PointError, PointSettings, point_surfels,

@@ -8,8 +8,8 @@ use common::*;
 use glam::{DMat3, DVec3};
 use oblate_engine::{Cloud, Shapes, Strength, color::srgb_to_linear};
 use oblate_volumes::{
-    ColorSpace, ControlPoint, GradientRamp, GridFrame, KernelSettings, StrengthKind, TransferFunction,
-    Volume, Voxels, marschner_lobb, to_kernels,
+    ColorSpace, ControlPoint, Flattening, GradientRamp, GridFrame, KernelSettings, StrengthKind,
+    TransferFunction, Volume, Voxels, marschner_lobb, to_kernels,
 };
 
 fn point(value: f32, strength: f32) -> ControlPoint {
@@ -207,4 +207,52 @@ fn any_number_of_threads_gives_the_same_bits() {
     let volume = marschner_lobb(40).unwrap();
     let [one, two, five] = on_threads(|| kernels(&volume));
     assert!(one == two && one == five && one.len() > 1000);
+}
+
+/// Of a linear field the surface is a plane: samples within half a step of it lie on it and are flat, or nearer and thinner by the ratio,
+/// and all else is as it was. Places and factors are f32 of some ten units.
+#[test]
+fn samples_at_a_surface_become_surfels() {
+    let direction = DVec3::new(0.8, 0.5, -0.3);
+    for (name, frame) in frames() {
+        let volume = sampled([12; 3], frame, |p| 50.0 + direction.dot(p - frame.origin));
+        let value = volume.sample(DVec3::new(5.2, 5.7, 6.1)).unwrap();
+        let flattened = |least_gradient, ratio| {
+            let flattening = Some(Flattening { value, least_gradient, ratio });
+            to_kernels(&volume, &ramp(), &KernelSettings { flattening, ..Default::default() }).unwrap()
+        };
+        let round = kernels(&volume);
+        let unit = direction.normalize();
+        let above = |cloud: &Cloud, i| {
+            let place = cloud.center(i).as_dvec3();
+            (f64::from(value) - 50.0 - direction.dot(place)) / direction.length()
+        };
+        let index_slope = (volume.gradients_to_world().inverse() * direction).length();
+        for ratio in [1.0, 4.0, f32::INFINITY] {
+            let cloud = flattened(0.0, ratio);
+            assert_eq!(masses(&cloud), masses(&round));
+            let mut flat = 0;
+            for i in 0..cloud.len() {
+                let steps = above(&round, i) * direction.length() / index_slope;
+                // At the very limit rounding decides.
+                if (steps.abs() - 0.5).abs() < 1e-4 {
+                    continue;
+                }
+                let pressed = if steps.abs() < 0.5 { f64::from(ratio) } else { 1.0 };
+                flat += usize::from(steps.abs() < 0.5);
+                let left = above(&cloud, i) - above(&round, i) / pressed;
+                assert!(left.abs() < 2e-4, "{name}, {ratio}: {left} left of {}", above(&round, i));
+                let extent =
+                    |cloud: &Cloud, along: DVec3| (cloud.factor(i).as_dmat3().transpose() * along).length();
+                let thin = extent(&cloud, unit) - extent(&round, unit) / pressed;
+                assert!(thin.abs() < 1e-4, "{name}, {ratio}: {thin}");
+            }
+            assert!(flat > 50 && 4 * flat < cloud.len(), "{name}: {flat} of {}", cloud.len());
+        }
+        // What is too even for a surface stays as it is.
+        let even = flattened(2.0 * direction.length() as f32, f32::INFINITY);
+        assert!(
+            (0..even.len()).all(|i| (even.center(i), even.factor(i)) == (round.center(i), round.factor(i)))
+        );
+    }
 }

@@ -1,0 +1,138 @@
+//! What kernels of merged surfels cover.
+
+use super::Deviation;
+use super::neighborhood::Neighborhood;
+use super::patch::{Patch, Sample};
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// The least share of a merged kernel on what is flat around it.
+const LEAST_SUPPORT: f64 = 0.99;
+
+/// Half-axes after which a kernel counts for nothing: e^(−3.5²/2) = 0.002.
+const REACH: f64 = 3.5;
+
+/// How often areas are raised; the second time changes them by a tenth of the first.
+const ROUNDS: usize = 2;
+
+/// How much an area may be raised in all, for borders, where nothing is that could cover more.
+const MOST: f64 = 1.5;
+
+/// A surfel's kernel in its plane, ready to be evaluated: normalized, times its area.
+struct Kernel {
+    center: DVec3,
+    /// Half-axes over their squared lengths.
+    inverse: [DVec3; 2],
+    plane: DVec3,
+    peak: f64,
+    /// Half of the box around it.
+    reach: DVec3,
+}
+
+impl Kernel {
+    fn new(surfel: &Sample) -> Self {
+        let [u, v] = surfel.half_axes;
+        let squares = [u, v].map(|axis| axis.length_squared().max(f64::MIN_POSITIVE));
+        // Half-axes of extremely small or slanted surfels may fail this; they then count for nothing.
+        let extent = u.cross(v).length();
+        let peak = if extent > 0.0 { surfel.area / (2.0 * std::f64::consts::PI * extent) } else { 0.0 };
+        let plane = surfel.plane;
+        // As far off the plane as along it: what bends stays near.
+        let reach = (u * u + v * v + plane * plane * squares[0].min(squares[1])).map(f64::sqrt) * REACH;
+        Self { center: surfel.center, inverse: [u / squares[0], v / squares[1]], plane, peak, reach }
+    }
+
+    /// Its coverage at a sample, seen along its normal: nothing of what faces away or lies beyond its box.
+    fn at(&self, sample: &Sample) -> f64 {
+        let d = sample.center - self.center;
+        if d.abs().cmpgt(self.reach).any() || sample.plane.dot(self.plane) <= 0.0 {
+            return 0.0;
+        }
+        let [x, y] = self.inverse.map(|axis| axis.dot(d));
+        self.peak * (-0.5 * (x * x + y * y)).exp()
+    }
+}
+
+/// Whether the merged kernel lies on a surface within the bounds of its plane: the sum of what it covers at samples that are,
+/// times their areas, is the share of it there.
+pub(super) fn is_flat_around(patch: &Patch, bounds: &Deviation, around: &Neighborhood<'_>) -> bool {
+    let kernel = Kernel::new(&patch.mean);
+    let mut share = 0.0;
+    for cube in around.touched(kernel.center, kernel.reach) {
+        for index in around.indices(cube) {
+            let sample = &around.samples[*index as usize];
+            let covered = kernel.at(sample);
+            if covered > 0.0 && sample.deviation_from(&patch.mean).is_within(bounds) {
+                share += covered * sample.area;
+            }
+        }
+    }
+    share >= LEAST_SUPPORT * patch.mean.area
+}
+
+/// Areas of the patches' surfels, raised until each patch is covered as it was.
+pub(super) fn evened(patches: &[Patch], around: &Neighborhood<'_>) -> Vec<f64> {
+    let old: Vec<Kernel> = around.samples.par_iter().map(Kernel::new).collect();
+    let new: Vec<Kernel> = patches.par_iter().map(|patch| Kernel::new(&patch.mean)).collect();
+    let wanted = coverage(&old, &vec![1.0; old.len()], around);
+    let lists = Lists::new(&new, around);
+    let mut factors = vec![1.0; patches.len()];
+    for _ in 0..ROUNDS {
+        let found = lists.coverage(&new, &factors, around);
+        let raised = |(patch, factor): (&Patch, &mut f64)| {
+            let sum = |covered: &[f64]| -> f64 {
+                let of =
+                    |index: &u32| covered[*index as usize].min(1.0) * around.samples[*index as usize].area;
+                patch.members.iter().map(of).sum()
+            };
+            let (wanted, found) = (sum(&wanted), sum(&found));
+            if found > 0.0 {
+                *factor = (*factor * (wanted / found).max(1.0)).min(MOST);
+            }
+        };
+        patches.par_iter().zip(&mut factors).for_each(raised);
+    }
+    patches.iter().zip(factors).map(|(patch, factor)| patch.mean.area * factor).collect()
+}
+
+fn coverage(kernels: &[Kernel], factors: &[f64], around: &Neighborhood<'_>) -> Vec<f64> {
+    Lists::new(kernels, around).coverage(kernels, factors, around)
+}
+
+/// Kernels by the cubes that they touch.
+struct Lists {
+    /// Cube and kernel, in order.
+    entries: Vec<(u32, u32)>,
+}
+
+impl Lists {
+    fn new(kernels: &[Kernel], around: &Neighborhood<'_>) -> Self {
+        let touched = |(number, kernel): (usize, &Kernel)| {
+            let cubes: Vec<_> = around.touched(kernel.center, kernel.reach).collect();
+            cubes.into_iter().map(move |cube| (cube as u32, number as u32))
+        };
+        let mut entries: Vec<(u32, u32)> = kernels.par_iter().enumerate().flat_map_iter(touched).collect();
+        entries.par_sort_unstable();
+        Self { entries }
+    }
+
+    /// What kernels, times their factors, cover at each sample.
+    fn coverage(&self, kernels: &[Kernel], factors: &[f64], around: &Neighborhood<'_>) -> Vec<f64> {
+        let of_cube = |cube: usize| {
+            let first = self.entries.partition_point(|(of, _)| (*of as usize) < cube);
+            let listed = self.entries[first..].iter().take_while(move |(of, _)| *of as usize == cube);
+            let listed: Vec<usize> = listed.map(|(_, kernel)| *kernel as usize).collect();
+            let of_sample = move |index: &u32| {
+                let sample = &around.samples[*index as usize];
+                let sum: f64 =
+                    listed.iter().map(|kernel| factors[*kernel] * kernels[*kernel].at(sample)).sum();
+                (*index, sum)
+            };
+            around.indices(cube).iter().map(of_sample)
+        };
+        let sums: Vec<(u32, f64)> = around.cubes().into_par_iter().flat_map_iter(of_cube).collect();
+        let mut covered = vec![0.0; around.samples.len()];
+        sums.into_iter().for_each(|(index, sum)| covered[index as usize] = sum);
+        covered
+    }
+}
