@@ -62,8 +62,8 @@ pub enum MergeError {
 /// A merged surfel has its patch's area, the direction of its vector area, its mean colour, opacity and (not unit) normal, and
 /// the covariance that surfels have for their area: six times the patch's own, so that a square of side L gets σ = 0.7 L, as samples of
 /// a lattice have. At least 0.99 of its kernel lies on what of the surface is within the bounds of its plane; so
-/// surfels get smaller towards edges and bends. Where kernels of different sizes meet they would cover less than 1 on
-/// the larger one's side: areas are raised until they cover what they did before.
+/// surfels get smaller towards edges and bends. Where kernels of different sizes meet they cover less on the larger
+/// one's side: areas are raised until at least 0.95 of what was covered at samples is. Their sum grows by some hundredths.
 ///
 /// It takes some microseconds a surfel, and 100 bytes. The result is the same for any number of threads. Levels of detail
 /// are to be made again.

@@ -12,8 +12,11 @@ const LEAST_SUPPORT: f64 = 0.99;
 /// Half-axes after which a kernel counts for nothing: e^(−3.5²/2) = 0.002.
 const REACH: f64 = 3.5;
 
-/// How often areas are raised; the second time changes them by a tenth of the first.
-const ROUNDS: usize = 2;
+/// The least share of a sample's former coverage, up to 1, that is left of it.
+const LEAST_COVERED: f64 = 0.95;
+
+/// How often areas are raised; neighbours that are raised make up for the rest.
+const ROUNDS: usize = 3;
 
 /// How much an area may be raised in all, for borders, where nothing is that could cover more.
 const MOST: f64 = 1.5;
@@ -70,7 +73,7 @@ pub(super) fn is_flat_around(patch: &Patch, bounds: &Deviation, around: &Neighbo
     share >= LEAST_SUPPORT * patch.mean.area
 }
 
-/// Areas of the patches' surfels, raised until each patch is covered as it was.
+/// Areas of the patches' surfels, raised where their samples would be bare.
 pub(super) fn evened(patches: &[Patch], around: &Neighborhood<'_>) -> Vec<f64> {
     let old: Vec<Kernel> = around.samples.par_iter().map(Kernel::new).collect();
     let new: Vec<Kernel> = patches.par_iter().map(|patch| Kernel::new(&patch.mean)).collect();
@@ -80,15 +83,12 @@ pub(super) fn evened(patches: &[Patch], around: &Neighborhood<'_>) -> Vec<f64> {
     for _ in 0..ROUNDS {
         let found = lists.coverage(&new, &factors, around);
         let raised = |(patch, factor): (&Patch, &mut f64)| {
-            let sum = |covered: &[f64]| -> f64 {
-                let of =
-                    |index: &u32| covered[*index as usize].min(1.0) * around.samples[*index as usize].area;
-                patch.members.iter().map(of).sum()
+            let lacking = |index: &u32| {
+                let (wanted, found) = (wanted[*index as usize].min(1.0), found[*index as usize]);
+                LEAST_COVERED * wanted / found.max(f64::MIN_POSITIVE)
             };
-            let (wanted, found) = (sum(&wanted), sum(&found));
-            if found > 0.0 {
-                *factor = (*factor * (wanted / found).max(1.0)).min(MOST);
-            }
+            let most = patch.members.iter().map(lacking).fold(1.0, f64::max);
+            *factor = (*factor * most).min(MOST);
         };
         patches.par_iter().zip(&mut factors).for_each(raised);
     }
