@@ -16,10 +16,10 @@ const REACH: f64 = 3.5;
 const LEAST_COVERED: f64 = 0.95;
 
 /// How often areas are raised; neighbours that are raised make up for the rest.
-const ROUNDS: usize = 3;
+const ROUNDS: usize = 4;
 
 /// How much an area may be raised in all, for borders, where nothing is that could cover more.
-const MOST: f64 = 1.5;
+const MOST: f64 = 2.0;
 
 /// A surfel's kernel in its plane, ready to be evaluated: normalized, times its area.
 struct Kernel {
