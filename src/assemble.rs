@@ -4,17 +4,19 @@ use crate::content::{Body, Item, placed_mesh, placed_volume};
 use crate::description::{CameraOptions, Look};
 use crate::detail::levels_pay;
 use crate::draw::Drawing;
+use crate::finish::{Paint, kept};
 use crate::framing::{View, outline};
+use crate::notation::Rgba;
 use crate::progress::Console;
 use crate::transfer;
 use anyhow::{Context, Result, ensure};
 use glam::{DAffine3, DVec3};
-use oblate::engine::{Camera, Cloud, Light, Scene};
+use oblate::engine::{Camera, Cloud, HalfSpace, Light, Scene};
 use oblate::surfels::{
     Density, Mesh, PointCloud, PointColor, PointSettings, SamplerSettings, point_surfels, sample,
     shown_spacing, view_spacing,
 };
-use oblate::volumes::{IsoSettings, KernelSettings, Volume, iso_surfels, to_kernels};
+use oblate::volumes::{IsoExtractor, IsoSettings, KernelSettings, Volume, to_kernels};
 
 /// Surfels of all meshes together, where their number follows the view: in all and for each pixel of the
 /// picture. The nearest place sets the density of the whole, and beyond some surfels a pixel nobody sees more.
@@ -42,6 +44,22 @@ struct Standing {
     name: String,
     cloud: Cloud,
     moves: Vec<DAffine3>,
+    /// What of the world it is left in.
+    kept: Vec<HalfSpace>,
+}
+
+impl Standing {
+    /// What is left of it: where nothing is cut itself, else what of it stands in each place.
+    fn cut(self) -> Result<Vec<Self>> {
+        if self.kept.is_empty() {
+            return Ok(vec![self]);
+        }
+        let in_place = |to: &DAffine3| {
+            let cloud = self.cloud.clone().transformed(*to).clipped(&self.kept)?;
+            Ok(Self { name: self.name.clone(), cloud, moves: vec![DAffine3::IDENTITY], kept: Vec::new() })
+        };
+        self.moves.iter().map(in_place).collect()
+    }
 }
 
 /// Turns items into splats. Volumes and what is splats already come first: they don't depend on the view, the
@@ -65,7 +83,8 @@ pub(crate) fn assemble(
     let (mut standing, mut meshes) = (Vec::new(), Vec::new());
     for Item { name, body, places, look, .. } in items {
         let moves = moves_from(&places, 0);
-        let stand = |cloud| Standing { name: name.clone(), cloud, moves: moves.clone() };
+        let kept = kept(&look);
+        let stand = |cloud| Standing { name: name.clone(), cloud, moves: moves.clone(), kept: kept.clone() };
         match body {
             Body::Mesh(mesh) => meshes.push(StandingMesh { name, mesh, places, look }),
             Body::Splats { cloud, .. } => standing.push(stand(cloud.transformed(places[0]))),
@@ -77,7 +96,8 @@ pub(crate) fn assemble(
             Body::Volume(volume) => {
                 let _task = console.task(format!("splats of {name}"));
                 let volume = placed_volume(volume, places[0])?;
-                let shown = volume_clouds(&volume, &look).with_context(|| name.clone())?;
+                let paint = Paint::read(&look, places[0], console)?;
+                let shown = volume_clouds(&volume, &look, paint.as_ref()).with_context(|| name.clone())?;
                 if shown.iter().all(Cloud::is_empty) {
                     let range = volume
                         .value_range()
@@ -104,17 +124,21 @@ pub(crate) fn assemble(
         // The meshes share the limit by their areas.
         let share = (most * mesh.area() / whole) as usize;
         let cloud = surfels(&mesh, &look, &camera, share.min(ids)).with_context(|| name.clone())?;
-        standing.push(Standing { name, cloud, moves });
+        standing.push(Standing { name, cloud, moves, kept: kept(&look) });
     }
 
     let (mut clouds, mut origins) = (Vec::with_capacity(places), Vec::with_capacity(places));
-    for Standing { name, mut cloud, moves } in standing {
+    let cut = standing.into_iter().map(Standing::cut).collect::<Result<Vec<_>>>()?;
+    // Where a thing was cut each of its places has a cloud of its own.
+    for (place, Standing { name, mut cloud, moves, .. }) in
+        cut.into_iter().flat_map(|places| places.into_iter().enumerate())
+    {
         if levels_pay(&cloud, &moves, &camera, drawing) {
             let _task = console.task(format!("levels of detail of {name}"));
             cloud = cloud.with_levels();
         }
         clouds.extend(moves.iter().map(|to| cloud.clone().transformed(*to)));
-        origins.extend((0..moves.len()).map(|place| (name.clone(), place)));
+        origins.extend((place..place + moves.len()).map(|place| (name.clone(), place)));
     }
     Ok(Assembled { scene: Scene { clouds, lights }, camera, view, origins })
 }
@@ -244,19 +268,39 @@ pub(crate) fn point_cloud(points: &PointCloud, look: &Look) -> Result<Cloud> {
 }
 
 /// Iso-surfaces, then the inside: what was asked for, or the inside where nothing was.
-pub(crate) fn volume_clouds(volume: &Volume, look: &Look) -> Result<Vec<Cloud>> {
+pub(crate) fn volume_clouds(volume: &Volume, look: &Look, paint: Option<&Paint>) -> Result<Vec<Cloud>> {
     let mut clouds = Vec::new();
-    let mut settings = IsoSettings::default();
-    if let Some(color) = look.iso_color {
-        let [r, g, b, _] = color.0;
-        settings.color = [r, g, b];
+    let values = look.iso.as_deref().unwrap_or_default();
+    let colors = look.iso_color.as_deref().unwrap_or_default();
+    ensure!(
+        colors.len() <= 1 || colors.len() == values.len(),
+        "iso-color has {} colours for {} values of iso; give one, or one for each",
+        colors.len(),
+        values.len()
+    );
+    ensure!(colors.is_empty() || !values.is_empty(), "iso-color is for iso-surfaces; give values by iso");
+    let inside = look.transfer.is_some() || values.is_empty();
+    ensure!(
+        look.flatten.is_none() || inside,
+        "flatten is for the inside of a volume; ask for it by transfer"
+    );
+    if !values.is_empty() {
+        let extractor = IsoExtractor::new(volume);
+        for (number, iso) in values.iter().enumerate() {
+            let mut settings = IsoSettings::default();
+            if let Some(Rgba([r, g, b, opacity])) = colors.get(number).or(colors.first()) {
+                (settings.color, settings.opacity) = ([*r, *g, *b], *opacity);
+            }
+            clouds.push(extractor.extract(*iso, settings.interpolation)?.cloud(&settings)?);
+        }
     }
-    for iso in look.iso.iter().flatten() {
-        clouds.push(iso_surfels(volume, *iso, &settings)?);
-    }
-    if look.transfer.is_some() || clouds.is_empty() {
+    if inside {
         let function = transfer::resolve(look.transfer.as_ref(), volume)?;
-        clouds.push(to_kernels(volume, &function, &KernelSettings::default())?);
+        let flattening = look.flatten.map(|press| press.0);
+        clouds.push(to_kernels(volume, &function, &KernelSettings { flattening, ..Default::default() })?);
     }
-    Ok(clouds)
+    match paint {
+        Some(paint) => clouds.iter().map(|cloud| paint.apply(cloud)).collect(),
+        None => Ok(clouds),
+    }
 }

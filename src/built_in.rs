@@ -59,7 +59,7 @@ pub(crate) fn items(console: Console) -> Result<Vec<Item>> {
             Body::Volume(organs),
             Look {
                 iso: Some(vec![0.1, 0.3]),
-                iso_color: Some(Rgba::from_bytes([0xd8, 0x60, 0x40, 0xff])),
+                iso_color: Some(vec![Rgba::from_bytes([0xd8, 0x60, 0x40, 0xff])]),
                 ..Look::default()
             },
         ),

@@ -170,7 +170,13 @@ impl Look {
     /// Refuses what was of no use.
     pub(crate) fn check_use(&self, uses: Uses) -> Result<(), Wrong> {
         if !uses.volume {
-            let choices = [("iso", self.iso.is_some()), ("transfer", self.transfer.is_some())];
+            let choices = [
+                ("iso", self.iso.is_some()),
+                ("iso-color", self.iso_color.is_some()),
+                ("transfer", self.transfer.is_some()),
+                ("flatten", self.flatten.is_some()),
+                ("color-by", self.color_by.is_some()),
+            ];
             useless(&choices, "is for volumes; none is given")?;
         }
         if !uses.mesh {

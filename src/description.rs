@@ -3,7 +3,7 @@
 //! Every choice is optional here. A choice made at the command line stands over the scene file's, and
 //! what neither makes is decided where it is used.
 
-use crate::notation::{self, Rgba, Tolerance};
+use crate::notation::{self, Corners, Plane, Press, Rgba, Tolerance};
 use clap::{Args, ValueEnum};
 use glam::DAffine3;
 use oblate::engine::{Blend, FootprintForm, Light, Order};
@@ -348,7 +348,7 @@ pub(crate) enum ByteOrder {
 #[derive(Args, Clone, Debug, Default, PartialEq)]
 #[command(next_help_heading = "Looks")]
 pub(crate) struct Look {
-    /// Volumes: draws the surface where the value is V, opaque and light grey
+    /// Volumes: draws the surface where the value is V
     #[arg(
         long,
         value_name = "V[,V…]",
@@ -362,9 +362,25 @@ pub(crate) struct Look {
     /// presets [default without --iso: one fitted to the volume's histogram]
     #[arg(long, value_name = "NAME|FILE|list", value_parser = Transfer::named)]
     pub(crate) transfer: Option<Transfer>,
-    /// Linear colour of iso-surfaces; the command line has no say in it.
-    #[arg(skip)]
-    pub(crate) iso_color: Option<Rgba>,
+    /// Volumes: colour and opacity of iso-surfaces, one for all or one for each value [default: opaque light grey]
+    #[arg(long, value_name = "RRGGBB[AA][,…]", value_delimiter = ',', num_args = 1)]
+    pub(crate) iso_color: Option<Vec<Rgba>>,
+    /// Volumes: samples at the surface where the value is V, and the gradient at least G a world unit, become S times as wide as
+    /// thick among the kernels of the others [default: G 0, S infinite]
+    #[arg(long, value_name = "V[,G[,S]]", allow_hyphen_values = true, value_parser = notation::flattening)]
+    pub(crate) flatten: Option<Press>,
+    /// Volumes: colours what is drawn by another volume's values
+    #[arg(long, value_name = "VOLUME")]
+    pub(crate) color_by: Option<PathBuf>,
+    /// Which colour the other volume's values have: a preset's name or a file [default: the first preset]
+    #[arg(long, value_name = "NAME|FILE", value_parser = Transfer::named, requires = "color_by")]
+    pub(crate) color_transfer: Option<Transfer>,
+    /// Leaves only what is inside of a box in the world: its lower corner, its upper one
+    #[arg(long, value_name = "X,Y,Z,X,Y,Z", allow_hyphen_values = true, value_parser = notation::corners)]
+    pub(crate) clip_box: Option<Corners>,
+    /// Leaves only the half of the world in which X·x + Y·y + Z·z is at least D; may be given more than once
+    #[arg(long, value_name = "X,Y,Z,D", allow_hyphen_values = true, value_parser = notation::plane)]
+    pub(crate) clip_plane: Option<Vec<Plane>>,
     /// Meshes: number of surfels on each mesh [default: one a pixel of the view where it is nearest, for all
     /// meshes together at most 16 for each pixel of the picture and at most 4 million]
     #[arg(long, value_name = "N", conflicts_with = "surfel_spacing")]
@@ -407,6 +423,12 @@ impl Look {
             iso: self.iso.or(under.iso),
             transfer: self.transfer.or(under.transfer),
             iso_color: self.iso_color.or(under.iso_color),
+            flatten: self.flatten.or(under.flatten),
+            // Colours are of a volume's values: another volume leaves them behind.
+            color_transfer: self.color_transfer.or(under.color_transfer.filter(|_| self.color_by.is_none())),
+            color_by: self.color_by.or(under.color_by),
+            clip_box: self.clip_box.or(under.clip_box),
+            clip_plane: self.clip_plane.or(under.clip_plane),
             point_color: self.point_color.or(under.point_color),
         }
     }

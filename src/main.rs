@@ -8,6 +8,7 @@ mod content;
 mod description;
 mod detail;
 mod draw;
+mod finish;
 mod framing;
 mod inputs;
 mod notation;

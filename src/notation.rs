@@ -2,6 +2,7 @@
 
 use oblate::engine::color::srgb_to_linear;
 use oblate::importers::parse_dims;
+use oblate::volumes::Flattening;
 use serde::Deserialize;
 use std::str::FromStr;
 
@@ -109,6 +110,106 @@ pub(crate) fn pair(text: &str) -> Result<[f64; 2], String> {
     if numbers.iter().all(|n| n.is_finite()) { Ok(numbers) } else { Err(format!("`{text}` is not finite")) }
 }
 
+/// `0,0,0,10,20,30`: two corners, each number finite and the second corner's above the first's.
+pub(crate) fn corners(text: &str) -> Result<Corners, String> {
+    let [a, b, c, d, e, f]: [f64; 6] = separated(text, ',', "0,0,0,10,20,30")?;
+    Corners::try_from([a, b, c, d, e, f])
+}
+
+/// The lower and the upper corner of a box.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(try_from = "[f64; 6]")]
+pub(crate) struct Corners(pub(crate) [[f64; 3]; 2]);
+
+impl TryFrom<[f64; 6]> for Corners {
+    type Error = String;
+
+    fn try_from([a, b, c, d, e, f]: [f64; 6]) -> Result<Self, String> {
+        let (low, high) = ([a, b, c], [d, e, f]);
+        let right = low.iter().zip(&high).all(|(low, high)| low < high && (high - low).is_finite());
+        if right {
+            return Ok(Self([low, high]));
+        }
+        Err(format!(
+            "`{}` is no box; give the lower corner, then the upper one",
+            comma_list(&[a, b, c, d, e, f])
+        ))
+    }
+}
+
+/// `0,0,1,20`: the half of space in which 0·x + 0·y + 1·z ≥ 20.
+pub(crate) fn plane(text: &str) -> Result<Plane, String> {
+    let numbers: [f64; 4] = separated(text, ',', "0,0,1,20")?;
+    Plane::try_from(numbers)
+}
+
+/// A direction that is not zero, and how far along it what stays begins.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(try_from = "[f64; 4]")]
+pub(crate) struct Plane(pub(crate) [f64; 4]);
+
+impl TryFrom<[f64; 4]> for Plane {
+    type Error = String;
+
+    fn try_from(numbers: [f64; 4]) -> Result<Self, String> {
+        let finite = numbers.iter().all(|n| n.is_finite());
+        if finite && numbers[..3] != [0.0; 3] {
+            return Ok(Self(numbers));
+        }
+        let text = comma_list(&numbers);
+        Err(format!(
+            "`{text}` is no plane; give a direction X,Y,Z that is not zero, and where along it what stays begins"
+        ))
+    }
+}
+
+/// `100`, `100,5` or `100,5,8`: a value, the least gradient there, the ratio of radius and thickness.
+pub(crate) fn flattening(text: &str) -> Result<Press, String> {
+    let wrong = |_| {
+        format!(
+            "`{text}` is not one to three numbers; write a value, or value,gradient, or value,gradient,ratio"
+        )
+    };
+    let numbers: Result<Vec<f32>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+    Press::try_from(numbers.map_err(wrong)?)
+}
+
+/// What of a volume's samples becomes flat.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(try_from = "Vec<f32>")]
+pub(crate) struct Press(pub(crate) Flattening);
+
+impl TryFrom<Vec<f32>> for Press {
+    type Error = String;
+
+    fn try_from(numbers: Vec<f32>) -> Result<Self, String> {
+        let (value, least_gradient, ratio) = match numbers[..] {
+            [value] => (value, 0.0, f32::INFINITY),
+            [value, gradient] => (value, gradient, f32::INFINITY),
+            [value, gradient, ratio] => (value, gradient, ratio),
+            _ => {
+                return Err(format!(
+                    "{} numbers; a value, then a gradient, then a ratio are expected",
+                    numbers.len()
+                ));
+            }
+        };
+        if !(value.is_finite() && least_gradient >= 0.0 && least_gradient.is_finite() && ratio >= 1.0) {
+            return Err("the value must be finite, the gradient at least 0, the ratio at least 1".into());
+        }
+        Ok(Self(Flattening { value, least_gradient, ratio }))
+    }
+}
+
+/// `0.5` or `0.5,10`: a distance, and an angle in degrees, 10 where none is given; the angle in radians.
+pub(crate) fn distance_and_angle(text: &str) -> Result<[f64; 2], String> {
+    let wrong = || format!("`{text}` is no distance, at least 0, or distance,degrees such as 0.5,10");
+    let (distance, degrees) = text.split_once(',').unwrap_or((text, "10"));
+    let number = |text: &str| text.trim().parse::<f64>().ok().filter(|n| *n >= 0.0 && n.is_finite());
+    let (distance, degrees) = (number(distance).ok_or_else(wrong)?, number(degrees).ok_or_else(wrong)?);
+    Ok([distance, degrees.to_radians()])
+}
+
 /// `123`, `512M` (mebibytes), `16G` (gibibytes).
 pub(crate) fn bytes(text: &str) -> Result<u64, String> {
     let wrong = || format!("`{text}` is no number of bytes above 0; write it as 512M or 16G");
@@ -163,6 +264,34 @@ mod tests {
         }
         assert!(size("-1x2").is_err());
         assert_eq!(comma_list(&[1.0, -0.0, -2.5]), "1,0,-2.5");
+    }
+
+    #[test]
+    fn boxes_and_planes() {
+        assert_eq!(corners("0,-1,2, 3,4,5"), Ok(Corners([[0.0, -1.0, 2.0], [3.0, 4.0, 5.0]])));
+        for wrong in ["0,0,0,1,1", "0,0,0,1,1,0", "0,0,0,1,1,inf", "0,0,nan,1,1,1", "a,0,0,1,1,1"] {
+            assert!(corners(wrong).is_err(), "{wrong} passed");
+        }
+        assert_eq!(plane("0,0,-2,5.5"), Ok(Plane([0.0, 0.0, -2.0, 5.5])));
+        for wrong in ["0,0,0,1", "0,0,1", "0,0,1,inf", "nan,0,1,1"] {
+            assert!(plane(wrong).is_err(), "{wrong} passed");
+        }
+    }
+
+    #[test]
+    fn flattenings_and_deviations() {
+        let press = |value, least_gradient, ratio| Ok(Press(Flattening { value, least_gradient, ratio }));
+        assert_eq!(flattening("100"), press(100.0, 0.0, f32::INFINITY));
+        assert_eq!(flattening("-1.5, 3"), press(-1.5, 3.0, f32::INFINITY));
+        assert_eq!(flattening("7,0,4"), press(7.0, 0.0, 4.0));
+        for wrong in ["", "x", "1,-1", "1,0,0.5", "1,0,nan", "inf", "1,2,3,4"] {
+            assert!(flattening(wrong).is_err(), "{wrong} passed");
+        }
+        assert_eq!(distance_and_angle("0.5,90"), Ok([0.5, std::f64::consts::FRAC_PI_2]));
+        assert_eq!(distance_and_angle("0.5"), distance_and_angle("0.5,10"));
+        for wrong in ["", "-1", "1,-1", "1,2,3", "inf", "nan,1"] {
+            assert!(distance_and_angle(wrong).is_err(), "{wrong} passed");
+        }
     }
 
     #[test]

@@ -4,12 +4,13 @@ use crate::assemble::{asked_surfels, point_cloud, volume_clouds};
 use crate::check::Wrong;
 use crate::content::open;
 use crate::description::{FileOptions, Look};
+use crate::finish::{Paint, kept};
 use crate::notation::comma_list;
 use crate::output::Output;
 use crate::progress::Console;
 use anyhow::{Context, Result, anyhow, ensure};
 use clap::Args;
-use glam::{DVec3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 use oblate::engine::{Blend, Cloud, Splats, Strength};
 use oblate::importers::export::{Target, save};
 use oblate::importers::{Content, Note};
@@ -74,7 +75,8 @@ pub(crate) fn run(args: ConvertArgs) -> Result<()> {
         );
         opened.content
     } else {
-        splats(opened.content, &args.look, &mut notes).with_context(|| name.clone())?
+        let paint = Paint::read(&args.look, DAffine3::IDENTITY, console)?;
+        splats(opened.content, &args.look, paint.as_ref(), &mut notes).with_context(|| name.clone())?
     };
     output.finish(|file| {
         notes.extend(save(&content, up, target, file)?);
@@ -110,7 +112,8 @@ fn is_trained(splats: &Splats) -> bool {
 }
 
 /// Splats of what is none yet.
-fn splats(content: Content, look: &Look, notes: &mut Vec<Note>) -> Result<Content> {
+fn splats(content: Content, look: &Look, paint: Option<&Paint>, notes: &mut Vec<Note>) -> Result<Content> {
+    let kept = kept(look);
     let cloud = match content {
         Content::Mesh(mesh) => {
             let asked = look.surfels.is_some() || look.surfel_spacing.is_some();
@@ -123,7 +126,7 @@ fn splats(content: Content, look: &Look, notes: &mut Vec<Note>) -> Result<Conten
                 "a volume is written as .nrrd or .vti; as splats with --iso or --transfer"
             );
             let clouds: [Cloud; 1] =
-                volume_clouds(&volume, look)?.try_into().map_err(|clouds: Vec<Cloud>| {
+                volume_clouds(&volume, look, paint)?.try_into().map_err(|clouds: Vec<Cloud>| {
                     anyhow!(
                         "{} sets of splats are asked for, one goes into a file: give one --iso or --transfer",
                         clouds.len()
@@ -133,8 +136,14 @@ fn splats(content: Content, look: &Look, notes: &mut Vec<Note>) -> Result<Conten
             cloud
         }
         Content::Points(points) => point_cloud(&points, look)?,
+        Content::Splats { splats, blend } if !kept.is_empty() => {
+            let cloud = Cloud::new(splats)?.clipped(&kept)?;
+            ensure!(!cloud.is_empty(), "nothing of it is within the planes");
+            return Ok(Content::Splats { splats: cloud.splats(), blend });
+        }
         splats => return Ok(splats),
     };
+    let cloud = cloud.clipped(&kept)?;
     ensure!(!cloud.is_empty(), "there is nothing visible in it");
     Ok(Content::Splats { splats: in_place(&cloud, notes), blend: Blend::Linear })
 }

@@ -9,8 +9,13 @@
 //! [[volume]]
 //! path = "engine.vti"            # relative to this file
 //! transfer = "amber"             # a preset or a file
-//! iso = [200]
-//! iso-color = "d0c8b8"           # sRGB; else light grey
+//! iso = [60, 200]
+//! iso-color = ["d0c8b840", "ffffff"] # sRGB and opacity, one for all or one for each value; else opaque light grey
+//! flatten = [120, 5]             # samples at this value, of this gradient or more, as surfels among the kernels
+//! color-by = "heat.vti"          # colours by another volume's values, by default those of the first preset
+//! color-transfer = "heat.txt"
+//! clip-box = [0, 0, 0, 128, 256, 256]    # of whatever stands in the world, two corners
+//! clip-plane = [[0, 1, 0, 40]]   # what has 0 x + 1 y + 0 z at 40 or above
 //!
 //! [[mesh]]
 //! path = "helmet.glb"

@@ -3,7 +3,7 @@
 use super::check;
 use crate::check::{FARTHEST, Wrong, coordinates};
 use crate::description::{ByteOrder, FileOptions, Kind, Look, PointColors, SampleKind, Source, Transfer};
-use crate::notation::Rgba;
+use crate::notation::{Corners, Plane, Press, Rgba};
 use crate::transfer;
 use glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot};
 use oblate::engine::Light;
@@ -22,6 +22,8 @@ pub(super) struct MeshTable {
     texture: Option<PathBuf>,
     surfels: Option<usize>,
     surfel_spacing: Option<f64>,
+    clip_box: Option<Corners>,
+    clip_plane: Option<Vec<Plane>>,
 }
 
 #[derive(Deserialize)]
@@ -38,8 +40,13 @@ pub(super) struct VolumeTable {
     endian: Option<ByteOrder>,
     spacing: Option<[f64; 3]>,
     iso: Option<Vec<f32>>,
-    iso_color: Option<Rgba>,
+    iso_color: Option<Colors>,
     transfer: Option<String>,
+    flatten: Option<Press>,
+    color_by: Option<PathBuf>,
+    color_transfer: Option<String>,
+    clip_box: Option<Corners>,
+    clip_plane: Option<Vec<Plane>>,
 }
 
 #[derive(Deserialize)]
@@ -51,10 +58,12 @@ pub(super) struct PointsTable {
     scale: Option<Scale>,
     instances: Option<Places>,
     point_color: Option<PointColors>,
+    clip_box: Option<Corners>,
+    clip_plane: Option<Vec<Plane>>,
 }
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub(super) struct SplatsTable {
     path: PathBuf,
     translate: Option<[f64; 3]>,
@@ -62,6 +71,8 @@ pub(super) struct SplatsTable {
     scale: Option<Scale>,
     instances: Option<Places>,
     level: Option<u32>,
+    clip_box: Option<Corners>,
+    clip_plane: Option<Vec<Plane>>,
 }
 
 /// One of the places of a thing that stands in many.
@@ -92,6 +103,13 @@ enum Scale {
 }
 
 #[derive(Deserialize)]
+#[serde(untagged, expecting = "`iso-color` is one colour or a list of them")]
+enum Colors {
+    One(Rgba),
+    Each(Vec<Rgba>),
+}
+
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct LightTable {
     kind: LightKind,
@@ -115,7 +133,13 @@ impl SourceTable for MeshTable {
     }
 
     fn source(self, folder: &Path) -> Result<Source, Wrong> {
-        let look = Look { surfels: self.surfels, surfel_spacing: self.surfel_spacing, ..Look::default() };
+        let look = Look {
+            surfels: self.surfels,
+            surfel_spacing: self.surfel_spacing,
+            clip_box: self.clip_box,
+            clip_plane: self.clip_plane,
+            ..Look::default()
+        };
         look.check()?;
         Ok(Source {
             path: folder.join(self.path),
@@ -137,10 +161,13 @@ impl SourceTable for VolumeTable {
 
     fn source(self, folder: &Path) -> Result<Source, Wrong> {
         // What is no preset is a file beside this one.
-        let transfer = self.transfer.map(|name| {
+        let named = |name: String| {
             let beside = |name| folder.join(name).to_string_lossy().into_owned();
             Transfer::Named(if transfer::is_preset(&name) { name } else { beside(name) })
-        });
+        };
+        check("color-transfer", self.color_transfer.is_none() || self.color_by.is_some(), || {
+            "is for the values of `color-by`; name a volume there".into()
+        })?;
         let file = FileOptions {
             dims: self.dims,
             sample_type: self.sample_type,
@@ -149,7 +176,20 @@ impl SourceTable for VolumeTable {
             ..FileOptions::default()
         };
         file.check()?;
-        let look = Look { iso: self.iso, iso_color: self.iso_color, transfer, ..Look::default() };
+        let look = Look {
+            iso: self.iso,
+            iso_color: self.iso_color.map(|colors| match colors {
+                Colors::One(color) => vec![color],
+                Colors::Each(colors) => colors,
+            }),
+            transfer: self.transfer.map(named),
+            flatten: self.flatten,
+            color_by: self.color_by.map(|path| folder.join(path)),
+            color_transfer: self.color_transfer.map(named),
+            clip_box: self.clip_box,
+            clip_plane: self.clip_plane,
+            ..Look::default()
+        };
         look.check()?;
         Ok(Source {
             path: folder.join(self.path),
@@ -170,7 +210,12 @@ impl SourceTable for PointsTable {
         Ok(Source {
             kind: Some(Kind::Points),
             places: vec![placement(self.translate, self.rotate, self.scale)?],
-            look: Look { point_color: self.point_color, ..Look::default() },
+            look: Look {
+                point_color: self.point_color,
+                clip_box: self.clip_box,
+                clip_plane: self.clip_plane,
+                ..Look::default()
+            },
             ..Source::new(folder.join(self.path))
         })
     }
@@ -186,6 +231,7 @@ impl SourceTable for SplatsTable {
             kind: Some(Kind::Splats),
             places: vec![placement(self.translate, self.rotate, self.scale)?],
             file: FileOptions { level: self.level, ..FileOptions::default() },
+            look: Look { clip_box: self.clip_box, clip_plane: self.clip_plane, ..Look::default() },
             ..Source::new(folder.join(self.path))
         })
     }

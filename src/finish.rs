@@ -1,0 +1,46 @@
+//! What is done to splats once they are made: painted by another volume, cut by planes.
+
+use crate::content::{open, placed_volume};
+use crate::description::{FileOptions, Look};
+use crate::progress::Console;
+use crate::transfer;
+use anyhow::{Context, Result, bail};
+use glam::{DAffine3, DVec3};
+use oblate::engine::{Cloud, HalfSpace};
+use oblate::importers::Content;
+use oblate::volumes::{TransferFunction, Volume, painted};
+
+/// Another volume and the colours of its values.
+pub(crate) struct Paint {
+    field: Volume,
+    transfer: TransferFunction,
+}
+
+impl Paint {
+    /// Reads the volume that a look names, if it names one, and stands it where `place` takes it.
+    pub(crate) fn read(look: &Look, place: DAffine3, console: Console) -> Result<Option<Self>> {
+        let Some(path) = &look.color_by else { return Ok(None) };
+        let name = path.display().to_string();
+        let (opened, _) = open(path, &FileOptions::default(), console)?;
+        for note in &opened.notes {
+            console.say(format_args!("{name}: {note}"));
+        }
+        let Content::Volume(field) = opened.content else { bail!("{name}: it is no volume to colour by") };
+        let transfer = transfer::resolve(look.color_transfer.as_ref(), &field).context(name)?;
+        Ok(Some(Self { field: placed_volume(field, place)?, transfer }))
+    }
+
+    pub(crate) fn apply(&self, cloud: &Cloud) -> Result<Cloud> {
+        Ok(painted(cloud, &self.field, &self.transfer)?)
+    }
+}
+
+/// What a look leaves of the world; nothing where it leaves all of it.
+pub(crate) fn kept(look: &Look) -> Vec<HalfSpace> {
+    let corners = look.clip_box.iter().flat_map(|corners| HalfSpace::of_box(corners.0.map(DVec3::from)));
+    let planes = look.clip_plane.iter().flatten().map(|plane| {
+        let [x, y, z, offset] = plane.0;
+        HalfSpace { normal: DVec3::new(x, y, z), offset }
+    });
+    corners.chain(planes).collect()
+}
