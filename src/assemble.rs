@@ -296,8 +296,11 @@ pub(crate) fn volume_clouds(volume: &Volume, look: &Look, paint: Option<&Paint>)
     }
     if inside {
         let function = transfer::resolve(look.transfer.as_ref(), volume)?;
-        let flattening = look.flatten.map(|press| press.0);
-        clouds.push(to_kernels(volume, &function, &KernelSettings { flattening, ..Default::default() })?);
+        let settings = KernelSettings { flattening: look.flatten.map(|press| press.0), ..Default::default() };
+        clouds.push(match look.refine {
+            None | Some(1) => to_kernels(volume, &function, &settings)?,
+            Some(times) => to_kernels(&volume.refined(times)?, &function, &settings)?,
+        });
     }
     match paint {
         Some(paint) => clouds.iter().map(|cloud| paint.apply(cloud)).collect(),

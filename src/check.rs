@@ -174,6 +174,7 @@ impl Look {
                 ("iso", self.iso.is_some()),
                 ("iso-color", self.iso_color.is_some()),
                 ("transfer", self.transfer.is_some()),
+                ("refine", self.refine.is_some()),
                 ("flatten", self.flatten.is_some()),
                 ("color-by", self.color_by.is_some()),
             ];
@@ -195,6 +196,9 @@ impl Look {
             ensure("iso", "empty", !values.is_empty(), "one value or more")?;
             let bad = values.iter().find(|v| !v.is_finite());
             bad.map_or(Ok(()), |v| ensure("iso", v, false, "finite"))?;
+        }
+        if let Some(times) = self.refine {
+            ensure("refine", times, (1..=16).contains(&times), "from 1 to 16")?;
         }
         if let Some(count) = self.surfels {
             ensure("surfels", count, count > 0, "above 0")?;

@@ -365,6 +365,9 @@ pub(crate) struct Look {
     /// Volumes: colour and opacity of iso-surfaces, one for all or one for each value [default: opaque light grey]
     #[arg(long, value_name = "RRGGBB[AA][,…]", value_delimiter = ',', num_args = 1)]
     pub(crate) iso_color: Option<Vec<Rgba>>,
+    /// Volumes: kernels a step of the grid, which see a transfer function between samples (post-classification) [default: 1]
+    #[arg(long, value_name = "N")]
+    pub(crate) refine: Option<usize>,
     /// Volumes: samples at the surface where the value is V, and the gradient at least G a world unit, become S times as wide as
     /// thick among the kernels of the others [default: G 0, S infinite]
     #[arg(long, value_name = "V[,G[,S]]", allow_hyphen_values = true, value_parser = notation::flattening)]
@@ -423,6 +426,7 @@ impl Look {
             iso: self.iso.or(under.iso),
             transfer: self.transfer.or(under.transfer),
             iso_color: self.iso_color.or(under.iso_color),
+            refine: self.refine.or(under.refine),
             flatten: self.flatten.or(under.flatten),
             // Colours are of a volume's values: another volume leaves them behind.
             color_transfer: self.color_transfer.or(under.color_transfer.filter(|_| self.color_by.is_none())),

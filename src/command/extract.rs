@@ -4,16 +4,17 @@ use super::use_threads;
 use crate::check::Wrong;
 use crate::content::{open, open_options};
 use crate::description::FileOptions;
-use crate::notation::comma_list;
+use crate::notation::{comma_list, distance_and_angle};
 use crate::output::{Output, StatsPlace, WriteSeek};
 use crate::progress::Console;
 use crate::stats::{median, milliseconds, peak_mib, rounded, timed};
 use anyhow::{Context, Result, anyhow, ensure};
 use clap::Args;
 use glam::DVec3;
-use oblate::engine::Blend;
+use oblate::engine::{Blend, Splats};
 use oblate::importers::export::SurfelWriter;
 use oblate::importers::{Content, RawSlices, Watch};
+use oblate::surfels::{Deviation, Merged, merge_flat};
 use oblate::volumes::{
     Grid, Interpolation, IsoExtractor, IsoSettings, IsoSurfels, Volume, stream_iso_surfels,
 };
@@ -39,6 +40,10 @@ pub(crate) struct ExtractArgs {
     /// Reads a raw file some slices at a time, so that it is never in memory as a whole
     #[arg(long, conflicts_with_all = ["repeat", "again"])]
     stream: bool,
+    /// Merges surfels where the surface is flat: none is farther from the plane of the one that stands for it than D, and none
+    /// is turned more [default: 10 degrees]
+    #[arg(long, value_name = "D[,DEGREES]", value_parser = distance_and_angle, conflicts_with = "stream")]
+    merge: Option<[f64; 2]>,
     #[command(flatten)]
     file: FileOptions,
     /// Threads [default: all cores]
@@ -74,12 +79,27 @@ struct ExtractStats {
     /// The second value, with the hierarchy in place; null for a stream.
     again_ms: Option<f64>,
     again_surfels: Option<u64>,
+    /// What --merge did; null without it.
+    merging: Option<Merging>,
     #[serde(serialize_with = "rounded")]
     load_ms: f64,
     #[serde(serialize_with = "rounded")]
     write_ms: f64,
     /// Largest resident size of the process; null where the system doesn't tell.
     peak_mib: Option<f64>,
+}
+
+/// Of `--merge`.
+#[derive(Serialize)]
+struct Merging {
+    /// How many were written, and how many of these stand for several.
+    surfels: usize,
+    merged: usize,
+    /// The largest distance and angle, in world units and degrees, between a surfel and the one that stands for it.
+    largest_distance: f64,
+    largest_degrees: f64,
+    #[serde(serialize_with = "rounded")]
+    merge_ms: f64,
 }
 
 pub(crate) fn run(args: ExtractArgs) -> Result<()> {
@@ -105,7 +125,8 @@ pub(crate) fn run(args: ExtractArgs) -> Result<()> {
     let name = args.volume.display().to_string();
     let made = if args.stream { stream(&args, &settings, output) } else { whole(&args, &settings, output) };
     let found = made.with_context(|| name.clone())?;
-    let (count, closed) = (found.surfels, if found.closed { "closed" } else { "open" });
+    let count = found.merging.as_ref().map_or(found.surfels, |merging| merging.surfels as u64);
+    let closed = if found.closed { "closed" } else { "open" };
     console.say(format_args!(
         "wrote {}, {count} surfels of a {closed} surface, area {}",
         args.output.display(),
@@ -137,15 +158,32 @@ fn whole(args: &ExtractArgs, settings: &IsoSettings, output: Output) -> Result<E
         }
     }
     let first = usize::from(measured);
+    let merged = args.merge.map(|bounds| timed(|| merge(&surfels, settings, bounds))).transpose()?;
     let place = place_of(Grid { dims: volume.dims(), frame: volume.frame() }, console);
     let ((), write_time) = timed(|| {
         output.finish(|file| {
             let mut writer = SurfelWriter::new(file, Blend::Linear);
-            write(&surfels, settings, place, &mut writer)?;
+            match &merged {
+                Some((merged, _)) => write([merged.cloud.splats()], place, &mut writer)?,
+                None => write(surfels.parts(settings), place, &mut writer)?,
+            }
             writer.finish()?;
             Ok(())
         })
     })?;
+    let merging = merged.map(|(merged, time)| Merging {
+        surfels: merged.cloud.len(),
+        merged: merged.merged,
+        largest_distance: merged.largest.distance,
+        largest_degrees: merged.largest.angle.to_degrees(),
+        merge_ms: milliseconds(time),
+    });
+    if let Some(Merging { surfels: left, largest_distance: distance, largest_degrees, .. }) = &merging {
+        console.say(format_args!(
+            "merged {} surfels into {left}, at most {distance:.3} and {largest_degrees:.1} degrees off",
+            surfels.len()
+        ));
+    }
     let micro = |times: Vec<f64>| crate::stats::round_micro(median(times));
     Ok(ExtractStats {
         surfels: surfels.len() as u64,
@@ -156,6 +194,7 @@ fn whole(args: &ExtractArgs, settings: &IsoSettings, output: Output) -> Result<E
         hierarchy_ms: Some(micro(hierarchies.split_off(first))),
         again_ms: measured.then(|| micro(second.split_off(first))),
         again_surfels: measured.then(|| others.len() as u64),
+        merging,
         load_ms: milliseconds(load_time),
         write_ms: milliseconds(write_time),
         peak_mib: peak_mib(),
@@ -179,7 +218,7 @@ fn stream(args: &ExtractArgs, settings: &IsoSettings, output: Output) -> Result<
         stream_iso_surfels(&slices.grid(), args.iso, settings.interpolation, read, |surfels| {
             area += surfels.area();
             closed &= surfels.is_closed();
-            write(surfels, settings, place, &mut writer)
+            write(surfels.parts(settings), place, &mut writer)
         })?;
         count = writer.finish()?;
         Ok(())
@@ -193,6 +232,7 @@ fn stream(args: &ExtractArgs, settings: &IsoSettings, output: Output) -> Result<
         hierarchy_ms: None,
         again_ms: None,
         again_surfels: None,
+        merging: None,
         load_ms: 0.0,
         write_ms: 0.0,
         peak_mib: peak_mib(),
@@ -224,14 +264,18 @@ fn place_of(Grid { dims, frame }: Grid, console: Console) -> DVec3 {
     DVec3::ZERO
 }
 
+/// One surfel where several are alike. They have one colour.
+fn merge(surfels: &IsoSurfels, settings: &IsoSettings, [distance, angle]: [f64; 2]) -> Result<Merged> {
+    Ok(merge_flat(&surfels.cloud(settings)?, Deviation { distance, angle, color: 0.0 })?)
+}
+
 /// Writes surfels at their place.
 fn write(
-    surfels: &IsoSurfels,
-    settings: &IsoSettings,
+    parts: impl IntoIterator<Item = Splats>,
     place: DVec3,
     writer: &mut SurfelWriter<'_, dyn WriteSeek + '_>,
 ) -> Result<()> {
-    for mut part in surfels.parts(settings) {
+    for mut part in parts {
         if place != DVec3::ZERO {
             part.centers.iter_mut().for_each(|center| *center = (center.as_dvec3() + place).as_vec3());
         }

@@ -131,3 +131,39 @@ fn a_scene_looks_the_same_in_two_formats_and_much_the_same_in_all_its_levels() {
     // wrong place, size or colour would be as far off as no scene at all, 35 levels.
     assert!(found.windows(2).all(|pair| pair[0] < pair[1] * 1.01) && found[5] < 20.0, "{found:?} levels");
 }
+
+/// A quarter of the engine's surfels give its picture: at least 40 dB, and 99 % of the pixels within 4 levels.
+#[test]
+fn a_quarter_of_the_engine_is_enough() {
+    let Some(root) = data() else { return };
+    let engine = root.join("volumes/engine.vti");
+    let (place, engine) = (Workplace::new(), engine.to_str().unwrap());
+    let extract = |file: &str, options: &[&str]| -> serde_json::Value {
+        let args = ["extract", engine, "--iso", "100", "-o", file, "--stats", "-", "--quiet"];
+        let [out, _] = place.run(&[&args[..], options].concat());
+        serde_json::from_str(&out).unwrap()
+    };
+    let whole = extract("whole.ply", &[])["surfels"].as_u64().unwrap();
+    let merging = &extract("merged.ply", &["--merge", "0.45,12.5"])["merging"];
+    assert!(4 * merging["surfels"].as_u64().unwrap() <= whole, "{merging} of {whole}");
+    assert!(
+        merging["largest_distance"].as_f64() <= Some(0.45)
+            && merging["largest_degrees"].as_f64() <= Some(12.5)
+    );
+    let [whole, merged] = ["whole", "merged"].map(|name| {
+        let (file, picture) = (format!("{name}.ply"), format!("{name}.png"));
+        let view =
+            ["--eye", "457.5,-285,352", "--target", "127.5,127.5,63.5", "--up", "0,0,1", "--size", "512x512"];
+        place.run(
+            &[&["render", &file, "-o", &picture, "--quiet", "--background", "000000"], &view[..]].concat(),
+        );
+        levels(&place.path(&picture))
+    });
+    let mut off: Vec<u8> = whole.iter().zip(merged.iter()).map(|(a, b)| a.abs_diff(*b)).collect();
+    let mean = off.iter().map(|d| f64::from(*d).powi(2)).sum::<f64>() / off.len() as f64;
+    let decibels = 20.0 * 255_f64.log10() - 10.0 * mean.log10();
+    off.sort_unstable();
+    let [most, worst] = [0.99, 0.999].map(|share| off[(share * off.len() as f64) as usize]);
+    println!("{decibels:.1} dB, {most} levels at 99 % of the values, {worst} at 99.9 %");
+    assert!(decibels >= 40.0 && most <= 4, "{decibels} dB, {most} levels at 99 %");
+}

@@ -27,6 +27,34 @@ fn surfels_are_written_and_drawn() {
     assert_ne!(std::fs::read(place.path("a.ply")).unwrap(), std::fs::read(place.path("c.ply")).unwrap());
 }
 
+/// Fewer surfels give the same picture of a ball but for what the bounds allow, and say how far off they are.
+#[test]
+fn surfels_are_merged() {
+    let place = Workplace::new();
+    place.ball();
+    let extract = |options: &[&str]| -> serde_json::Value {
+        let args = ["extract", BALL, "--iso", "75", "-o", "a.ply", "--stats", "-", "--quiet"];
+        let [out, _] = place.run(&[&args[..], options].concat());
+        serde_json::from_str(&out).unwrap()
+    };
+    let whole = extract(&[]);
+    assert!(whole["merging"].is_null());
+    let merged = extract(&["--merge", "0.5,40"]);
+    let merging = &merged["merging"];
+    assert!(
+        merging["surfels"].as_u64() < merged["surfels"].as_u64() && merging["merged"].as_u64() > Some(0),
+        "{merged}"
+    );
+    assert!(
+        merging["largest_distance"].as_f64() <= Some(0.5)
+            && merging["largest_degrees"].as_f64() <= Some(40.0)
+    );
+    let [_, said] = place.run(&["extract", BALL, "--iso", "75", "-o", "a.ply", "--merge", "0.5,40"]);
+    assert!(said.contains("merged") && said.contains("degrees"), "{said}");
+    let none = extract(&["--merge", "0,0"]);
+    assert_eq!(none["merging"]["surfels"], none["surfels"]);
+}
+
 #[test]
 fn stats_say_what_it_took() {
     let place = Workplace::new();
@@ -68,6 +96,8 @@ fn what_can_not_be_extracted_is_refused_and_leaves_no_file() {
         (&[BALL, "--iso", "100", "-o", "a.ply", "--repeat", "0"], "--repeat"),
         (&[BALL, "--iso", "100", "-o", "a.ply", "--stream", "--repeat", "2"], "--repeat"),
         (&[BALL, "--iso", "100", "-o", "a.ply", "--stats", "a.ply"], "one file"),
+        (&[BALL, "--iso", "100", "-o", "a.ply", "--stream", "--merge", "1"], "--merge"),
+        (&[BALL, "--iso", "100", "-o", "a.ply", "--merge", "-1"], "--merge"),
         (&["cube.obj", "--iso", "100", "-o", "a.ply", "--stream"], "dims"),
         (&[BALL, "--iso", "100", "-o", "a.ply", "--stream", "--dims", "16x16x17"], "4096 bytes"),
         (&["missing.raw", "--iso", "100", "-o", "a.ply"], "missing.raw"),

@@ -15,3 +15,4 @@ mod render;
 mod scene_files;
 mod splats;
 mod translucent;
+mod volume_looks;

@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::volume::{Volume, Voxels};
+use crate::volume::{GridFrame, Volume, VolumeError, Voxels};
 
 /// The difference per sample step at `here` from its two neighbours along one axis: central where both are
 /// finite, one-sided where one is, 0 where none is. Samples outside the grid count as not finite.
@@ -90,6 +90,36 @@ impl Volume {
             }
         }
         sum.is_finite().then_some(sum as f32)
+    }
+
+    /// The same field with `times` as many samples a step, by the trilinear interpolant; not finite where [`Self::sample`] has none.
+    ///
+    /// Kernels of a refined volume are *post-classified*: values are interpolated first, and a transfer function sees what is between
+    /// samples. Kernels of the volume itself are pre-classified: its samples' colours and extinctions are interpolated. That differs
+    /// where the function changes much from sample to sample, and takes `times`³ as many samples, as f32.
+    ///
+    /// # Errors
+    /// When `times` is 0, or memory cannot hold the samples.
+    pub fn refined(&self, times: usize) -> Result<Self, VolumeError> {
+        let refused = || VolumeError::Refined { times, dims: self.dims() };
+        let dims = self.dims();
+        let fine = |d: usize| (d - 1).checked_mul(times)?.checked_add(1).filter(|_| times > 0);
+        let [Some(nx), Some(ny), Some(nz)] = dims.map(fine) else { return Err(refused()) };
+        let count = nx.checked_mul(ny).and_then(|n| n.checked_mul(nz)).ok_or_else(refused)?;
+        let mut values = Vec::new();
+        values.try_reserve_exact(count).map_err(|_| refused())?;
+        values.resize(count, 0.0_f32);
+        let step = 1.0 / times as f64;
+        values.par_chunks_mut(nx).enumerate().for_each(|(row, values)| {
+            for (i, value) in values.iter_mut().enumerate() {
+                // The last one's index may be rounded to beyond it.
+                let index = DVec3::from([i, row % ny, row / ny].map(|n| n as f64)) * step;
+                let last = DVec3::from(dims.map(|d| (d - 1) as f64));
+                *value = self.sample(index.min(last)).unwrap_or(f32::NAN);
+            }
+        });
+        let frame = GridFrame { spacing: self.frame().spacing * step, ..self.frame() };
+        Self::new([nx, ny, nz], Voxels::F32(values), frame)
     }
 
     /// The gradient at sample (i, j, k) in value per world unit, along the world's axes.

@@ -91,6 +91,14 @@ pub enum VolumeError {
         /// How many there are.
         found: usize,
     },
+    /// Samples between samples that cannot be.
+    #[error("dims {dims:?} with {times} samples a step are none, or more than fit into memory")]
+    Refined {
+        /// Samples a step.
+        times: usize,
+        /// Samples along x, y, z.
+        dims: [usize; 3],
+    },
     /// A number of the frame is outside its range.
     #[error("{what} is {value}; {expected}")]
     Frame {

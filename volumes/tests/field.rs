@@ -7,8 +7,8 @@ mod common;
 use common::*;
 use glam::{DVec3, Vec3};
 use oblate_volumes::{
-    GridFrame, KernelSettings, PRESETS, Volume, Voxels, marschner_lobb, preset, propose_iso, shepp_logan,
-    to_kernels,
+    GridFrame, KernelSettings, PRESETS, Volume, VolumeError, Voxels, marschner_lobb, preset, propose_iso,
+    shepp_logan, to_kernels,
 };
 use proptest::prelude::*;
 
@@ -33,6 +33,30 @@ fn gradients_pass_by_what_is_missing() {
     assert_eq!(row(&[1.0, 3.0, f32::NAN]).gradient([1, 0, 0]), Vec3::new(2.0, 0.0, 0.0));
     assert_eq!(row(&[f32::NAN, 3.0, f32::NAN]).gradient([1, 0, 0]), Vec3::ZERO);
     assert_eq!(row(&[3.0]).gradient([0, 0, 0]), Vec3::ZERO);
+}
+
+#[test]
+fn refined_volumes_are_the_same_field() {
+    for (name, frame) in frames() {
+        let volume = sampled([4, 3, 5], frame, |p| p.x * p.y - 0.3 * p.z);
+        let fine = volume.refined(3).unwrap();
+        assert_eq!(fine.dims(), [10, 7, 13]);
+        for index in [[0, 0, 0], [9, 6, 12], [4, 5, 7]] {
+            let at = DVec3::from(index.map(|i| i as f64));
+            let place = fine.index_to_world().transform_point3(at)
+                - volume.index_to_world().transform_point3(at / 3.0);
+            assert!(place.length() < 1e-12, "{name}: {place}");
+            let wanted = volume.sample(at / 3.0).unwrap();
+            assert!((fine.value(index) - wanted).abs() < 1e-5 * wanted.abs().max(1.0), "{name}");
+        }
+        assert_eq!(volume.refined(1).unwrap().dims(), volume.dims());
+    }
+    let missing = Volume::new([2, 1, 1], Voxels::F32(vec![1.0, f32::NAN]), GridFrame::default()).unwrap();
+    let Voxels::F32(values) = missing.refined(2).unwrap().voxels().clone() else { panic!("f32") };
+    assert!(values[0] == 1.0 && values[1].is_nan() && values[2].is_nan(), "{values:?}");
+    for times in [0, usize::MAX, 1 << 40] {
+        assert!(matches!(missing.refined(times), Err(VolumeError::Refined { .. })), "{times}");
+    }
 }
 
 #[test]

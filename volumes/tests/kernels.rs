@@ -177,6 +177,26 @@ fn the_gradient_ramp_multiplies_extinction() {
     assert!(to_kernels(&volume, &steep, &KernelSettings::default()).unwrap().is_empty());
 }
 
+/// A layer thinner than a step, between samples: classified at samples it is not there; after interpolation its optical depth is that of the
+/// samples in it, of which one more or less is there than fits.
+#[test]
+fn refined_volumes_are_classified_after_interpolation() {
+    let volume = sampled([4, 4, 21], GridFrame::default(), |p| p.z);
+    let layer =
+        [(10.2, 0.0), (10.2, 5.0), (10.8, 5.0), (10.8, 0.0)].map(|(value, strength)| point(value, strength));
+    let transfer =
+        TransferFunction::new(layer.to_vec(), StrengthKind::Extinction, ColorSpace::Linear).unwrap();
+    assert!(to_kernels(&volume, &transfer, &KernelSettings::default()).unwrap().is_empty());
+    for times in [5, 10, 20] {
+        let fine = volume.refined(times).unwrap();
+        let cloud = to_kernels(&fine, &transfer, &KernelSettings::default()).unwrap();
+        let [nx, ny, _] = fine.dims();
+        let area = (nx * ny) as f64 / (times * times) as f64;
+        let depth = masses(&cloud).iter().map(|m| f64::from(*m)).sum::<f64>() / area;
+        assert!((depth - 3.0).abs() <= 5.0 / times as f64 + 1e-4, "{depth} at {times} samples a step");
+    }
+}
+
 #[test]
 fn large_origins_lose_nothing() {
     let frame = GridFrame { spacing: DVec3::splat(1e-3), origin: DVec3::splat(1e6), ..GridFrame::default() };
