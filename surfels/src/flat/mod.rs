@@ -16,6 +16,10 @@ use oblate_engine::{Cloud, CloudError, Shapes, Splats, Strength, Surface};
 use rayon::prelude::*;
 use thiserror::Error;
 
+/// Sides of cubes in mean distances between surfels: of the largest patches, and of the cells in which neighbours are looked for.
+const CUBE: f64 = 8.0;
+const CELL: f64 = 2.0;
+
 /// How far a merged surfel may be from any that it stands for.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Deviation {
@@ -81,13 +85,13 @@ pub fn merge_flat(cloud: &Cloud, bounds: Deviation) -> Result<Merged, MergeError
     let splats = cloud.splats();
     let Strength::Surface(surface) = &splats.strength else { return Err(MergeError::NotSurface) };
     let samples = samples(&splats, surface);
-    let around = Neighborhood::new(&samples);
-    let patches: Vec<Patch> = around
+    let (cubes, around) = (Neighborhood::new(&samples, CUBE), Neighborhood::new(&samples, CELL));
+    let patches: Vec<Patch> = cubes
         .cubes()
         .into_par_iter()
         .flat_map_iter(|cube| {
             let mut patches = Vec::new();
-            part(around.indices(cube).to_vec(), &bounds, &around, &mut patches);
+            part(cubes.indices(cube).to_vec(), &bounds, &around, &mut patches);
             patches
         })
         .collect();

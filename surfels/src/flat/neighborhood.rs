@@ -5,9 +5,6 @@ use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Side of a cube in mean distances between samples: the largest patch there is.
-const SIDE: f64 = 8.0;
-
 /// Samples, sorted into cubes.
 pub(super) struct Neighborhood<'a> {
     pub(super) samples: &'a [Sample],
@@ -19,7 +16,8 @@ pub(super) struct Neighborhood<'a> {
 }
 
 impl<'a> Neighborhood<'a> {
-    pub(super) fn new(samples: &'a [Sample]) -> Self {
+    /// Cubes have a side of so many mean distances between samples.
+    pub(super) fn new(samples: &'a [Sample], side: f64) -> Self {
         let infinite = (DVec3::INFINITY, DVec3::NEG_INFINITY, 0.0);
         let (low, high, area) = samples
             .iter()
@@ -27,7 +25,7 @@ impl<'a> Neighborhood<'a> {
         // At most 2²⁰ cubes along an axis; a cloud of no area is one cube.
         let spacing = (area / samples.len().max(1) as f64).sqrt();
         let side =
-            (SIDE * spacing).max((high - low).max_element() * 2.0_f64.powi(-20)).max(f64::MIN_POSITIVE);
+            (side * spacing).max((high - low).max_element() * 2.0_f64.powi(-20)).max(f64::MIN_POSITIVE);
         let cube = |s: &Sample| ((s.center - low) / side).as_ivec3();
         let mut keyed: Vec<(IVec3, u32)> =
             samples.par_iter().enumerate().map(|(index, s)| (cube(s), index as u32)).collect();

@@ -3,8 +3,8 @@
 use super::Deviation;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
-/// A surfel's covariance over that of the area it stands for: σ = 0.7 L for a square of side L, whose variance is L²/12.
-const BLUR: f64 = 6.0;
+/// What the covariance of a patch's centres counts beside the mean one of its surfels. TODO
+const SPREAD: f64 = 1.0;
 
 /// Rounds of the power iteration that finds a direction; it need not be exact.
 const ROUNDS: usize = 8;
@@ -78,9 +78,9 @@ impl Patch {
         let outer = |d: DVec2| DMat2::from_cols(d * d.x, d * d.y);
         let covariance = all().fold(DMat2::ZERO, |sum, s| {
             let own = outer(flat(s.half_axes[0])) + outer(flat(s.half_axes[1]));
-            sum + (outer(flat(s.center - center)) + own * (1.0 / BLUR)) * share(s)
+            sum + (outer(flat(s.center - center)) * SPREAD + own) * share(s)
         });
-        let [along, aside] = half_axes(covariance * BLUR).map(|axis| u * axis.x + v * axis.y);
+        let [along, aside] = half_axes(covariance).map(|axis| u * axis.x + v * axis.y);
         let color =
             |channel: usize| all().map(|s| f64::from(s.color[channel]) * share(s)).sum::<f64>() as f32;
         let mean = Sample {

@@ -56,21 +56,22 @@ impl Kernel {
     }
 }
 
-/// Whether the merged kernel lies on a surface within the bounds of its plane: the sum of what it covers at samples that are,
-/// times their areas, is the share of it there.
+/// Whether the merged kernel lies as well on what is flat around it as those of its surfels do: all but a hundredth of what they cover
+/// of samples within the bounds, times their areas, is covered by it.
 pub(super) fn is_flat_around(patch: &Patch, bounds: &Deviation, around: &Neighborhood<'_>) -> bool {
-    let kernel = Kernel::new(&patch.mean);
-    let mut share = 0.0;
-    for cube in around.touched(kernel.center, kernel.reach) {
-        for index in around.indices(cube) {
+    let on_flat = |surfel: &Sample| -> f64 {
+        let kernel = Kernel::new(surfel);
+        let of = |index: &u32| {
             let sample = &around.samples[*index as usize];
             let covered = kernel.at(sample);
-            if covered > 0.0 && sample.deviation_from(&patch.mean).is_within(bounds) {
-                share += covered * sample.area;
-            }
-        }
-    }
-    share >= LEAST_SUPPORT * patch.mean.area
+            let counts = covered > 0.0 && sample.deviation_from(&patch.mean).is_within(bounds);
+            if counts { covered * sample.area } else { 0.0 }
+        };
+        around.touched(kernel.center, kernel.reach).flat_map(|cell| around.indices(cell)).map(of).sum()
+    };
+    let merged = on_flat(&patch.mean);
+    merged >= LEAST_SUPPORT * patch.mean.area
+        || merged >= LEAST_SUPPORT * patch.members.iter().map(|i| on_flat(&around.samples[*i as usize])).sum::<f64>()
 }
 
 /// Areas of the patches' surfels, raised where their samples would be bare.
