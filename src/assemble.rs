@@ -280,10 +280,9 @@ pub(crate) fn volume_clouds(volume: &Volume, look: &Look, paint: Option<&Paint>)
     );
     ensure!(colors.is_empty() || !values.is_empty(), "iso-color is for iso-surfaces; give values by iso");
     let inside = look.transfer.is_some() || values.is_empty();
-    ensure!(
-        look.flatten.is_none() || inside,
-        "flatten is for the inside of a volume; ask for it by transfer"
-    );
+    for (what, asked) in [("flatten", look.flatten.is_some()), ("refine", look.refine.is_some())] {
+        ensure!(!asked || inside, "{what} is for the inside of a volume; ask for it by transfer");
+    }
     if !values.is_empty() {
         let extractor = IsoExtractor::new(volume);
         for (number, iso) in values.iter().enumerate() {

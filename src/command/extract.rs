@@ -42,7 +42,7 @@ pub(crate) struct ExtractArgs {
     stream: bool,
     /// Merges surfels where the surface is flat: none is farther from the plane of the one that stands for it than D, and none
     /// is turned more [default: 10 degrees]
-    #[arg(long, value_name = "D[,DEGREES]", value_parser = distance_and_angle, conflicts_with = "stream")]
+    #[arg(long, value_name = "D[,DEGREES]", allow_hyphen_values = true, value_parser = distance_and_angle, conflicts_with = "stream")]
     merge: Option<[f64; 2]>,
     #[command(flatten)]
     file: FileOptions,

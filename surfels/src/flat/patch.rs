@@ -3,9 +3,6 @@
 use super::Deviation;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
-/// What the covariance of a patch's centres counts beside the mean one of its surfels. TODO
-const SPREAD: f64 = 1.0;
-
 /// Rounds of the power iteration that finds a direction; it need not be exact.
 const ROUNDS: usize = 8;
 
@@ -35,23 +32,35 @@ impl Sample {
 
     /// What merging this one into `merged` would change.
     pub(super) fn deviation_from(&self, merged: &Self) -> Deviation {
-        let color = |channel: usize| f64::from((self.color[channel] - merged.color[channel]).abs());
-        let opacity = f64::from((self.opacity - merged.opacity).abs());
+        let angle = |a: DVec3, b: DVec3| a.cross(b).length().atan2(a.dot(b));
         Deviation {
             distance: (self.center - merged.center).dot(merged.plane).abs(),
             angle: angle(self.normal, merged.normal).max(angle(self.plane, merged.plane)),
-            color: color(0).max(color(1)).max(color(2)).max(opacity),
+            color: self.color_from(merged),
         }
+    }
+
+    fn color_from(&self, merged: &Self) -> f64 {
+        let color = |channel: usize| f64::from((self.color[channel] - merged.color[channel]).abs());
+        color(0).max(color(1)).max(color(2)).max(f64::from((self.opacity - merged.opacity).abs()))
+    }
+
+    /// Whether the deviation is within bounds, `bounds.cosine` being that of the angle.
+    pub(super) fn is_within(&self, bounds: &Bounds, merged: &Self) -> bool {
+        let turned =
+            |a: DVec3, b: DVec3| a.dot(b) >= bounds.cosine * (a.length_squared() * b.length_squared()).sqrt();
+        (self.center - merged.center).dot(merged.plane).abs() <= bounds.most.distance
+            && turned(self.plane, merged.plane)
+            && turned(self.normal, merged.normal)
+            && self.color_from(merged) <= bounds.most.color
     }
 }
 
-/// In radians; right angles and more where a direction is missing.
-fn angle(a: DVec3, b: DVec3) -> f64 {
-    a.cross(b).length().atan2(a.dot(b)).max(if a == DVec3::ZERO || b == DVec3::ZERO {
-        std::f64::consts::PI
-    } else {
-        0.0
-    })
+/// The largest deviations, ready to be compared with.
+pub(super) struct Bounds {
+    pub(super) most: Deviation,
+    /// Of the largest angle.
+    pub(super) cosine: f64,
 }
 
 /// Samples and the surfel that stands for them.
@@ -78,7 +87,7 @@ impl Patch {
         let outer = |d: DVec2| DMat2::from_cols(d * d.x, d * d.y);
         let covariance = all().fold(DMat2::ZERO, |sum, s| {
             let own = outer(flat(s.half_axes[0])) + outer(flat(s.half_axes[1]));
-            sum + (outer(flat(s.center - center)) * SPREAD + own) * share(s)
+            sum + (outer(flat(s.center - center)) + own) * share(s)
         });
         let [along, aside] = half_axes(covariance).map(|axis| u * axis.x + v * axis.y);
         let color =

@@ -1,16 +1,15 @@
 //! What kernels of merged surfels cover.
 
-use super::Deviation;
 use super::neighborhood::Neighborhood;
-use super::patch::{Patch, Sample};
+use super::patch::{Bounds, Patch, Sample};
 use glam::DVec3;
 use rayon::prelude::*;
 
 /// The least share of a merged kernel on what is flat around it.
 const LEAST_SUPPORT: f64 = 0.99;
 
-/// Half-axes after which a kernel counts for nothing: e^(−3.5²/2) = 0.002.
-const REACH: f64 = 3.5;
+/// Half-axes after which a kernel counts for nothing; 0.01 of it lies beyond.
+const REACH: f64 = 3.0;
 
 /// The least share of a sample's former coverage, up to 1, that is left of it.
 const LEAST_COVERED: f64 = 0.95;
@@ -45,12 +44,15 @@ impl Kernel {
         Self { center: surfel.center, inverse: [u / squares[0], v / squares[1]], plane, peak, reach }
     }
 
-    /// Its coverage at a sample, seen along its normal: nothing of what faces away or lies beyond its box.
+    /// Whether it covers anything of a sample: nothing of what faces away or lies beyond its box.
+    fn reaches(&self, sample: &Sample) -> bool {
+        let d = sample.center - self.center;
+        d.abs().cmple(self.reach).all() && sample.plane.dot(self.plane) > 0.0
+    }
+
+    /// Its coverage at a sample that it reaches, seen along its normal.
     fn at(&self, sample: &Sample) -> f64 {
         let d = sample.center - self.center;
-        if d.abs().cmpgt(self.reach).any() || sample.plane.dot(self.plane) <= 0.0 {
-            return 0.0;
-        }
         let [x, y] = self.inverse.map(|axis| axis.dot(d));
         self.peak * (-0.5 * (x * x + y * y)).exp()
     }
@@ -58,20 +60,21 @@ impl Kernel {
 
 /// Whether the merged kernel lies as well on what is flat around it as those of its surfels do: all but a hundredth of what they cover
 /// of samples within the bounds, times their areas, is covered by it.
-pub(super) fn is_flat_around(patch: &Patch, bounds: &Deviation, around: &Neighborhood<'_>) -> bool {
+pub(super) fn is_flat_around(patch: &Patch, bounds: &Bounds, around: &Neighborhood<'_>) -> bool {
     let on_flat = |surfel: &Sample| -> f64 {
         let kernel = Kernel::new(surfel);
         let of = |index: &u32| {
             let sample = &around.samples[*index as usize];
-            let covered = kernel.at(sample);
-            let counts = covered > 0.0 && sample.deviation_from(&patch.mean).is_within(bounds);
-            if counts { covered * sample.area } else { 0.0 }
+            let counts = kernel.reaches(sample) && sample.is_within(bounds, &patch.mean);
+            if counts { kernel.at(sample) * sample.area } else { 0.0 }
         };
         around.touched(kernel.center, kernel.reach).flat_map(|cell| around.indices(cell)).map(of).sum()
     };
     let merged = on_flat(&patch.mean);
     merged >= LEAST_SUPPORT * patch.mean.area
-        || merged >= LEAST_SUPPORT * patch.members.iter().map(|i| on_flat(&around.samples[*i as usize])).sum::<f64>()
+        || merged
+            >= LEAST_SUPPORT
+                * patch.members.iter().map(|i| on_flat(&around.samples[*i as usize])).sum::<f64>()
 }
 
 /// Areas of the patches' surfels, raised where their samples would be bare.
