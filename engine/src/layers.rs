@@ -36,7 +36,10 @@ struct Sums<S: Simd> {
     /// Of the splats that show their front, and of those that show their back. The two sides of a thin sheet would
     /// cancel, so their normals are never added.
     sides: [Side<S>; 2],
+    /// Of how far colours are from the one that surfaces most often have all over.
     color: [W<S>; 3],
+    usual: [f32; 3],
+    /// Of depths behind the first sample's.
     depth: W<S>,
     /// Of 1 − opacity.
     clear: W<S>,
@@ -50,13 +53,45 @@ struct Side<S: Simd> {
 
 impl<S: Simd> Sums<S> {
     #[inline(always)]
-    fn zero(simd: S) -> Self {
+    fn zero(simd: S, usual: [f32; 3]) -> Self {
         let zero = W::simd_from(simd, 0.0);
         Self {
             sides: [Side { weight: zero, normal: [zero; 3] }; 2],
             color: [zero; 3],
+            usual,
             depth: zero,
             clear: zero,
+        }
+    }
+
+    #[inline(always)]
+    fn weight(&self) -> W<S> {
+        self.sides[0].weight + self.sides[1].weight
+    }
+
+    /// Adds samples of a surfel, by their weights and how far they are behind the first ones.
+    #[inline(always)]
+    fn add(&mut self, simd: S, surfel: &Surfel, here: &Here<S>, [weight, behind]: [W<S>; 2]) {
+        let Surfel { normal, color, opacity, .. } = *surfel;
+        self.depth = behind.mul_add(weight, self.depth);
+        if opacity < 1.0 {
+            self.clear = weight.mul_add(W::simd_from(simd, 1.0 - opacity), self.clear);
+        }
+        if color != self.usual {
+            for ((sum, own), usual) in self.color.iter_mut().zip(color).zip(self.usual) {
+                *sum = weight.mul_add(W::simd_from(simd, own - usual), *sum);
+            }
+        }
+        match surfel.faces_away(here.corner) {
+            Some(false) => self.sides[0].add(simd, normal, weight),
+            Some(true) => self.sides[1].add(simd, normal, weight),
+            None => {
+                let zero = W::simd_from(simd, 0.0);
+                let facing = surfel.exact_facing(simd, here.pixels);
+                let back = facing.simd_gt(zero).select(weight, zero);
+                self.sides[0].add(simd, normal, weight - back);
+                self.sides[1].add(simd, normal, back);
+            }
         }
     }
 }
@@ -109,6 +144,9 @@ pub(crate) struct LayerBuffers {
     /// Of a block: its records, by their place in the tile, and between which depths their spans begin.
     listed: Vec<Listed>,
 }
+
+/// Records after which it is asked how deep the first samples are.
+const LOOKED_AT_TOGETHER: u64 = 8;
 
 /// A record of a block.
 #[derive(Clone, Copy)]
@@ -189,22 +227,25 @@ impl LayerBuilder<'_> {
         listed.clear();
         let (mut nearest, mut seen_from, mut farthest) = ([0.0; BATCH], [0.0; BATCH], [0.0; BATCH]);
         for (batch, surfels) in batches[..*used].iter().enumerate() {
-            let mut rest = surfels.masks.of(block);
+            let rest = surfels.masks.of(block);
             if rest == 0 {
                 continue;
             }
             let bounds = [&mut nearest, &mut seen_from, &mut farthest];
             surfels.bounds(simd, (corner, rest), &self.lens, bounds);
-            while rest != 0 {
-                let number = rest.trailing_zeros() as usize % BATCH;
-                rest &= rest - 1;
-                listed.push(Listed {
-                    batch: batch as u32,
-                    number: number as u32,
-                    nearest: nearest[number],
-                    seen_from: seen_from[number],
-                    farthest: farthest[number],
-                });
+            // Those of one form together: no processor foresees which form comes next.
+            for mut rest in surfels.by_form(rest) {
+                while rest != 0 {
+                    let number = rest.trailing_zeros() as usize % BATCH;
+                    rest &= rest - 1;
+                    listed.push(Listed {
+                        batch: batch as u32,
+                        number: number as u32,
+                        nearest: nearest[number],
+                        seen_from: seen_from[number],
+                        farthest: farthest[number],
+                    });
+                }
             }
         }
     }
@@ -243,28 +284,26 @@ impl LayerBuilder<'_> {
                 #[inline(always)]
                 || self.find_first(simd, (batches, here), listed, &mut peel),
             );
-            if listed.is_empty() {
-                break;
-            }
+            let Some(any) = listed.first() else { break };
             let last = layer + 1 == MAX_LAYERS;
             if last {
                 // The last layer takes every sample that is left.
                 peel.limit = peel.depth.simd_gt(-infinity).select(infinity, -infinity);
             }
-            let mut sums = Sums::zero(simd);
+            let mut sums = Sums::zero(simd, any.of(batches).color);
             evaluated += apart(
                 simd,
                 #[inline(always)]
                 || self.sum_up(simd, (batches, here), (listed, &peel), &mut sums),
             );
-            let mut cut = Cut::NONE;
+            let cut = cuts.next();
             let [found, goes_on] = apart(
                 simd,
                 #[inline(always)]
-                || self.close(simd, (&mut peel, &sums), (&mut seen_through, last), &mut cut),
+                || self.close(simd, (&mut peel, &sums), (&mut seen_through, last), cut),
             );
             if found {
-                cuts.push(simd, block, cut);
+                cuts.keep(simd, block);
             }
             if !goes_on {
                 break;
@@ -285,16 +324,20 @@ impl LayerBuilder<'_> {
         peel: &mut Peel<S>,
     ) -> u64 {
         let infinity = W::simd_from(simd, f32::INFINITY);
+        let is_behind = peel.previous.simd_gt(-infinity).any_true();
         let mut deepest = peel.depth.reduce_max();
         let done = peel.depth.simd_gt(-infinity).select(peel.previous, infinity).reduce_min();
-        let (mut kept, mut evaluated) = (0, 0);
+        let none = u32x16::simd_from(simd, u32::MAX);
+        let (mut kept, mut evaluated, mut firsts) = (0, 0, none);
         for place in 0..listed.len() {
             let candidate = listed[place];
             if candidate.farthest <= done {
                 continue;
             }
             // It may be of use to a later layer.
-            listed[kept] = candidate;
+            if kept < place {
+                listed[kept] = candidate;
+            }
             kept += 1;
             if candidate.seen_from > deepest {
                 continue;
@@ -302,19 +345,43 @@ impl LayerBuilder<'_> {
             evaluated += 1;
             let surfel = candidate.of(batches);
             let sample = surfel.sample(simd, here.pixels, &self.lens);
-            let nearer = sample.inside & sample.depth.simd_lt(peel.depth);
-            if !nearer.any_true() {
-                continue;
+            let mut nearer = sample.inside & sample.depth.simd_lt(peel.depth);
+            if is_behind && nearer.any_true() {
+                let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
+                nearer &= spans.nearest.simd_gt(peel.previous);
             }
-            let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
-            let nearer = nearer & spans.nearest.simd_gt(peel.previous);
             peel.depth = nearer.select(sample.depth, peel.depth);
-            peel.limit = nearer.select(spans.farthest + surfel.tolerance, peel.limit);
-            peel.record = nearer.select(u32x16::simd_from(simd, surfel.index), peel.record);
-            deepest = peel.depth.reduce_max();
+            firsts = nearer.select(u32x16::simd_from(simd, kept as u32 - 1), firsts);
+            if evaluated % LOOKED_AT_TOGETHER == 0 {
+                deepest = peel.depth.reduce_max();
+            }
         }
         listed.truncate(kept);
+        self.limit(simd, (batches, here), (listed, firsts), peel);
         evaluated
+    }
+
+    /// Where the layer ends, by the places in the list of each pixel's first sample.
+    #[inline(always)]
+    fn limit<S: Simd>(
+        &self,
+        simd: S,
+        (batches, here): (&[Surfels], Here<S>),
+        (listed, firsts): (&[Listed], u32x16<S>),
+        peel: &mut Peel<S>,
+    ) {
+        let places: [u32; PIXELS] = firsts.into();
+        let mut open = firsts.simd_ne(u32x16::simd_from(simd, u32::MAX)).to_bitmask();
+        while open != 0 {
+            let place = places[open.trailing_zeros() as usize % PIXELS];
+            let own = firsts.simd_eq(u32x16::simd_from(simd, place));
+            open &= !own.to_bitmask();
+            let surfel = listed[place as usize].of(batches);
+            let sample = surfel.sample(simd, here.pixels, &self.lens);
+            let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
+            peel.limit = own.select(spans.farthest + surfel.tolerance, peel.limit);
+            peel.record = own.select(u32x16::simd_from(simd, surfel.index), peel.record);
+        }
     }
 
     /// Sums up the samples that belong to the layer.
@@ -328,40 +395,23 @@ impl LayerBuilder<'_> {
     ) -> u64 {
         let (zero, infinity) = (W::simd_from(simd, 0.0), W::simd_from(simd, f32::INFINITY));
         let farthest = peel.limit.reduce_max();
+        let is_open = peel.limit.simd_gt(-infinity);
         let is_behind = peel.previous.simd_gt(-infinity);
         let mut evaluated = 0;
         for candidate in listed.iter().filter(|candidate| candidate.nearest <= farthest) {
             let surfel = candidate.of(batches);
             evaluated += 1;
             let mut sample = surfel.sample(simd, here.pixels, &self.lens);
-            // Only where what is seen lies behind the limit it matters where the plane is.
-            let begins = surfel.begins(simd, &sample);
-            if (sample.inside & (begins.simd_gt(peel.limit) | is_behind)).any_true() {
+            sample.inside &= is_open;
+            // Only where what is seen lies behind the limit it matters where the plane is: spans begin before.
+            if (sample.inside & (sample.depth.simd_gt(peel.limit) | is_behind)).any_true() {
                 let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
                 sample.inside &= spans.nearest.simd_gt(peel.previous) & spans.nearest.simd_le(peel.limit);
             }
-            if !sample.inside.any_true() {
-                continue;
-            }
-            let Surfel { normal, color, opacity, .. } = *surfel;
             let weight = sample.inside.select(surfel.weight(simd, &sample, here.pixels, &self.lens), zero);
             // Where no sample was found the difference is infinite.
             let behind = sample.inside.select(sample.depth - peel.depth, zero);
-            sums.depth = behind.mul_add(weight, sums.depth);
-            sums.clear = weight.mul_add(W::simd_from(simd, 1.0 - opacity), sums.clear);
-            for (sum, own) in sums.color.iter_mut().zip(color) {
-                *sum = weight.mul_add(W::simd_from(simd, own), *sum);
-            }
-            match surfel.faces_away(here.corner) {
-                Some(false) => sums.sides[0].add(simd, normal, weight),
-                Some(true) => sums.sides[1].add(simd, normal, weight),
-                None => {
-                    let facing = surfel.exact_facing(simd, here.pixels);
-                    let back = facing.simd_gt(zero).select(weight, zero);
-                    sums.sides[0].add(simd, normal, weight - back);
-                    sums.sides[1].add(simd, normal, back);
-                }
-            }
+            sums.add(simd, surfel, &here, [weight, behind]);
         }
         evaluated
     }
@@ -380,7 +430,7 @@ impl LayerBuilder<'_> {
         let infinity = W::simd_from(simd, f32::INFINITY);
         let no_record = u32x16::simd_from(simd, Cut::NO_RECORD);
         let [front, back] = &sums.sides;
-        let weight = front.weight + back.weight;
+        let weight = sums.weight();
         let found = peel.record.simd_ne(no_record);
         // Seen exactly edge-on a plane covers nothing, and hides nothing.
         let inverse = weight.simd_gt(W::simd_from(simd, 1e-30)).select(one / weight, zero);
@@ -404,8 +454,8 @@ impl LayerBuilder<'_> {
         );
         cut.depth.store(found.select(sums.depth.mul_add(inverse, peel.depth), infinity));
         cut.alpha.store(found.select(alpha, zero));
-        for (plane, sum) in cut.color.iter_mut().zip(sums.color) {
-            plane.store(sum * inverse);
+        for ((plane, sum), usual) in cut.color.iter_mut().zip(sums.color).zip(sums.usual) {
+            plane.store(sum.mul_add(inverse, W::simd_from(simd, usual)));
         }
         for (plane, normal) in cut.normal.iter_mut().zip(normal) {
             plane.store(found.select(normal, zero));

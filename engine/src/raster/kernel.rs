@@ -298,7 +298,7 @@ impl Kernels {
                 sigma_z: W::simd_from(simd, sigma_z),
             };
         }
-        let Exact { exponent, depth, den } = Exact::new(simd, &offsets, self.outlines.plane(number));
+        let Exact { exponent, depth, den, .. } = Exact::new(simd, &offsets, self.outlines.plane(number));
         let scale = inverse_root(simd, den);
         let mut strength = self.weight(simd, number, exponent) * amplitude;
         if !self.is_opacity(number) {

@@ -43,6 +43,7 @@ pub(crate) struct Exact<S: Simd> {
     /// z of the densest point.
     pub(crate) depth: W<S>,
     pub(crate) den: W<S>,
+    pub(crate) per_den: W<S>,
 }
 
 impl<S: Simd> Exact<S> {
@@ -61,6 +62,7 @@ impl<S: Simd> Exact<S> {
             exponent: offsets.exponent * inverse,
             depth: (W::simd_from(simd, depth) - rise) * inverse,
             den,
+            per_den: inverse,
         }
     }
 }

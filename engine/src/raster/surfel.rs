@@ -58,6 +58,9 @@ pub(crate) struct Surfaces<'a> {
 pub(crate) struct Surfels {
     outlines: Outlines,
     tilt: [Column; 2],
+    /// 1/d_z, and in the exact form how much of d_z is left where den is largest.
+    per_depth: Column,
+    least_depth: Column,
     each: [Surfel; BATCH],
     /// Those that each block needs.
     pub(crate) masks: BlockMasks,
@@ -96,8 +99,8 @@ pub(crate) struct Sample<S: Simd> {
     pub(crate) depth: W<S>,
     /// −kr.
     exponent: W<S>,
-    /// In the exact form.
-    den: Option<W<S>>,
+    /// 1/den in the exact form.
+    per_den: Option<W<S>>,
 }
 
 /// The depths of samples, from where they are seen to where the surfel's plane passes the pixel.
@@ -183,23 +186,23 @@ impl Surfel {
     #[inline(always)]
     pub(crate) fn sample<S: Simd>(&self, simd: S, pixels: [W<S>; 2], lens: &SurfelLens) -> Sample<S> {
         let offsets = self.offsets(simd, pixels);
-        let (exponent, depth, den) = if self.is_exact {
+        let (exponent, depth, per_den) = if self.is_exact {
             let plane = (self.depth, self.depth_slope, self.sigma_z);
-            let Exact { exponent, depth, den } = Exact::new(simd, &offsets, plane);
-            (exponent, depth, Some(den))
+            let Exact { exponent, depth, per_den, .. } = Exact::new(simd, &offsets, plane);
+            (exponent, depth, Some(per_den))
         } else {
             (offsets.exponent, offsets.linear(simd, self.depth, self.depth_slope), None)
         };
         let (end, near) = (W::simd_from(simd, lens.end()), W::simd_from(simd, lens.near));
-        Sample { inside: exponent.simd_ge(end) & depth.simd_gt(near), depth, exponent, den }
+        Sample { inside: exponent.simd_ge(end) & depth.simd_gt(near), depth, exponent, per_den }
     }
 
     /// z less 3σ_z. Spans begin there or nearer.
     #[inline(always)]
-    pub(crate) fn begins<S: Simd>(&self, simd: S, sample: &Sample<S>) -> W<S> {
+    fn begins<S: Simd>(&self, simd: S, sample: &Sample<S>) -> W<S> {
         let reach = W::simd_from(simd, -3.0 * self.sigma_z);
-        match sample.den {
-            Some(den) => inverse_root(simd, den).mul_add(reach, sample.depth),
+        match sample.per_den {
+            Some(per_den) => per_den.sqrt().mul_add(reach, sample.depth),
             None => sample.depth + reach,
         }
     }
@@ -225,7 +228,7 @@ impl Surfel {
         let limit = zeta.abs() * lens.farthest_offset;
         let zero = W::simd_from(simd, 0.0);
         // n·v at the pixel less that at the mean, over that at the pixel; over that at the mean where rays are parallel.
-        let change = if sample.den.is_some() {
+        let change = if sample.per_den.is_some() {
             let facing = self.exact_facing(simd, pixels);
             (facing - self.facing) * reciprocal(simd, facing)
         } else {
@@ -248,8 +251,8 @@ impl Surfel {
         pixels: [W<S>; 2],
         lens: &SurfelLens,
     ) -> W<S> {
-        let peak = match sample.den {
-            Some(den) => self.exact_facing(simd, pixels).abs() * inverse_root(simd, den),
+        let peak = match sample.per_den {
+            Some(per_den) => self.exact_facing(simd, pixels).abs() * per_den.sqrt(),
             None => W::simd_from(simd, self.facing.abs()),
         };
         exp2_from(simd, sample.exponent, lens.end()) * peak
@@ -260,6 +263,8 @@ impl Surfels {
     pub(crate) const NONE: Self = Self {
         outlines: Outlines::NONE,
         tilt: [[0.0; BATCH]; 2],
+        per_depth: [1.0; BATCH],
+        least_depth: [1.0; BATCH],
         each: [Surfel::NONE; BATCH],
         masks: BlockMasks::NONE,
     };
@@ -289,8 +294,24 @@ impl Surfels {
             self.each[number] = surfel;
         }
         self.outlines.prepare(simd, tile);
+        for first in self.outlines.sixteens() {
+            let one = W::simd_from(simd, 1.0);
+            let depth = sixteen(simd, &self.outlines.depth, first);
+            let per_depth = one / depth;
+            // z is d/t but for den, which is at most t²/(1 − (σ₀/d)²ρ) inside the cut-off.
+            let spread = sixteen(simd, &self.outlines.sigma_z, first) * per_depth;
+            let share = (one - spread * spread * lens.cutoff).max(W::simd_from(simd, 0.0));
+            per_depth.store_slice(&mut self.per_depth[first..first + 16]);
+            (depth * share).store_slice(&mut self.least_depth[first..first + 16]);
+        }
         let rect = |number: usize| &surfaces.rects[self.each[number].index as usize];
         self.masks = self.outlines.blocks(simd, tile, u64::MAX, rect);
+    }
+
+    /// Those of a set in the exact form, and the others.
+    #[inline(always)]
+    pub(crate) fn by_form(&self, set: u64) -> [u64; 2] {
+        [set & self.outlines.exact, set & !self.outlines.exact]
     }
 
     #[inline(always)]
@@ -323,13 +344,11 @@ impl Surfels {
             let mut reach = sigma_z * 3.0;
             let exact = mask32x16::from_bitmask(simd, self.outlines.exact >> first);
             if exact.any_true() {
-                // z is d/t but for den, which is at most t²/(1 − (σ₀/d)²ρ) inside the cut-off.
-                let per_depth = one / depth;
-                let spread = sigma_z * per_depth;
-                let share = (one - spread * spread * lens.cutoff).max(W::simd_from(simd, 0.0));
+                let per_depth = sixteen(simd, &self.per_depth, first);
+                let least_depth = sixteen(simd, &self.least_depth, first);
                 let inverse_t = inverse(simd, [one - rise[1] * per_depth, one - rise[0] * per_depth]);
                 let is_ahead = depth.simd_gt(W::simd_from(simd, 0.0)) & inverse_t[0].simd_gt(-infinity);
-                let low = is_ahead.select(depth * share * inverse_t[0], -infinity);
+                let low = is_ahead.select(least_depth * inverse_t[0], -infinity);
                 let high = is_ahead.select(depth * inverse_t[1], infinity);
                 seen = [exact.select(low, seen[0]), exact.select(high, seen[1])];
                 reach = exact.select(reach * inverse_t[1], reach);
@@ -365,7 +384,7 @@ fn range<S: Simd>(slope: [W<S>; 2], middle: [W<S>; 2]) -> [W<S>; 2] {
 /// 1/x of a range; without bounds where it comes near zero.
 #[inline(always)]
 fn inverse<S: Simd>(simd: S, [low, high]: [W<S>; 2]) -> [W<S>; 2] {
-    let (one, infinity) = (W::simd_from(simd, 1.0), W::simd_from(simd, f32::INFINITY));
+    let infinity = W::simd_from(simd, f32::INFINITY);
     let is_positive = low.simd_gt(W::simd_from(simd, 0.05));
-    [is_positive.select(one / high, -infinity), is_positive.select(one / low, infinity)]
+    [is_positive.select(reciprocal(simd, high), -infinity), is_positive.select(reciprocal(simd, low), infinity)]
 }
