@@ -326,7 +326,8 @@ impl LayerBuilder<'_> {
         let infinity = W::simd_from(simd, f32::INFINITY);
         let is_behind = peel.previous.simd_gt(-infinity).any_true();
         let mut deepest = peel.depth.reduce_max();
-        let done = peel.depth.simd_gt(-infinity).select(peel.previous, infinity).reduce_min();
+        let is_open = peel.depth.simd_gt(-infinity);
+        let done = is_open.select(peel.previous, infinity).reduce_min();
         let none = u32x16::simd_from(simd, u32::MAX);
         let (mut kept, mut evaluated, mut firsts) = (0, 0, none);
         for place in 0..listed.len() {
@@ -334,7 +335,7 @@ impl LayerBuilder<'_> {
             if candidate.farthest <= done {
                 continue;
             }
-            // It may be of use to a later layer.
+            // It may be of use, if not to this layer.
             if kept < place {
                 listed[kept] = candidate;
             }
@@ -345,11 +346,20 @@ impl LayerBuilder<'_> {
             evaluated += 1;
             let surfel = candidate.of(batches);
             let sample = surfel.sample(simd, here.pixels, &self.lens);
-            let mut nearer = sample.inside & sample.depth.simd_lt(peel.depth);
-            if is_behind && nearer.any_true() {
-                let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
-                nearer &= spans.nearest.simd_gt(peel.previous);
+            let mut inside = sample.inside;
+            if is_behind {
+                inside &= is_open;
+                if inside.any_true() {
+                    let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
+                    inside &= spans.nearest.simd_gt(peel.previous);
+                }
+                if !inside.any_true() {
+                    // Nor of use to a later layer, which is farther.
+                    kept -= 1;
+                    continue;
+                }
             }
+            let nearer = inside & sample.depth.simd_lt(peel.depth);
             peel.depth = nearer.select(sample.depth, peel.depth);
             firsts = nearer.select(u32x16::simd_from(simd, kept as u32 - 1), firsts);
             if evaluated % LOOKED_AT_TOGETHER == 0 {

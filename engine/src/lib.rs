@@ -40,6 +40,7 @@ mod resolve;
 pub mod scene;
 mod shade;
 pub mod simd;
+pub mod surfels;
 mod tile;
 pub mod validate;
 
@@ -52,4 +53,5 @@ pub use pick::{Picked, Picker};
 pub use reference::{ReferenceKind, reference};
 pub use render::{Renderer, render};
 pub use scene::{Baseline, Blend, FootprintForm, Light, Order, RenderSettings, Scene};
+pub use surfels::{Surfel, SurfelLook};
 pub use validate::SceneError;

@@ -1,6 +1,6 @@
 //! Surface records to samples with a plane at the pixels of a block.
 
-use super::offsets::{Exact, HALF_LOG2_E, Offsets, ROOT_HALF_LOG2_E};
+use super::offsets::{Exact, HALF_LOG2_E, Offsets, Plane, ROOT_HALF_LOG2_E};
 use super::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
 use crate::camera::Projection;
 use crate::footprint::{Form, Lens, Record, Rect, SurfaceSample};
@@ -74,8 +74,7 @@ pub(crate) struct Surfel {
     mean: [f32; 2],
     /// √k M.
     root: [f32; 3],
-    depth: f32,
-    depth_slope: [f32; 2],
+    plane: Plane,
     sigma_z: f32,
     /// n·v over the coverage floor; negative where the front is seen.
     facing: f32,
@@ -115,8 +114,7 @@ impl Surfel {
     const NONE: Self = Self {
         mean: [0.0; 2],
         root: [1.0; 3],
-        depth: 1.0,
-        depth_slope: [0.0; 2],
+        plane: Plane { depth: 1.0, slope: [0.0; 2], per_depth: 1.0, spread: 0.0 },
         sigma_z: 0.0,
         facing: 0.0,
         facing_slope: [0.0; 2],
@@ -143,8 +141,7 @@ impl Surfel {
                 #[inline(always)]
                 |root| root * ROOT_HALF_LOG2_E,
             ),
-            depth: record.depth,
-            depth_slope: record.depth_slope,
+            plane: Plane::new(record.depth, record.depth_slope, record.sigma_z),
             sigma_z: record.sigma_z,
             facing: record.amplitude,
             facing_slope: record.amplitude_slope_or_slabs,
@@ -187,11 +184,10 @@ impl Surfel {
     pub(crate) fn sample<S: Simd>(&self, simd: S, pixels: [W<S>; 2], lens: &SurfelLens) -> Sample<S> {
         let offsets = self.offsets(simd, pixels);
         let (exponent, depth, per_den) = if self.is_exact {
-            let plane = (self.depth, self.depth_slope, self.sigma_z);
-            let Exact { exponent, depth, per_den, .. } = Exact::new(simd, &offsets, plane);
+            let Exact { exponent, depth, per_den, .. } = Exact::new(simd, &offsets, &self.plane);
             (exponent, depth, Some(per_den))
         } else {
-            (offsets.exponent, offsets.linear(simd, self.depth, self.depth_slope), None)
+            (offsets.exponent, offsets.linear(simd, self.plane.depth, self.plane.slope), None)
         };
         let (end, near) = (W::simd_from(simd, lens.end()), W::simd_from(simd, lens.near));
         Sample { inside: exponent.simd_ge(end) & depth.simd_gt(near), depth, exponent, per_den }
@@ -223,7 +219,7 @@ impl Surfel {
         pixels: [W<S>; 2],
         lens: &SurfelLens,
     ) -> Spans<S> {
-        let depth = W::simd_from(simd, self.depth);
+        let depth = W::simd_from(simd, self.plane.depth);
         let zeta = lens.zeta(simd, depth);
         let limit = zeta.abs() * lens.farthest_offset;
         let zero = W::simd_from(simd, 0.0);
