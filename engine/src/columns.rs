@@ -159,7 +159,8 @@ impl Columns {
                 Shapes::Each(factors) => {
                     let through = Column::new_of(&factors, |factor| factor.z_axis.to_array());
                     let flat = |factor: &Mat3| {
-                        let [[a, b, c], [d, e, f]] = [factor.x_axis, factor.y_axis].map(|axis| axis.to_array());
+                        let [[a, b, c], [d, e, f]] =
+                            [factor.x_axis, factor.y_axis].map(|axis| axis.to_array());
                         [a, b, c, d, e, f]
                     };
                     Factors::Each { flat: Column::new(factors, flat), through }

@@ -134,7 +134,12 @@ impl Rows {
         let Self { centers, flat, through, areas } = self;
         let shapes = flat.par_chunks_mut(BLOCKS_A_TASK).zip(through.par_chunks_mut(BLOCKS_A_TASK));
         let places = centers.par_chunks_mut(BLOCKS_A_TASK).zip(areas.par_chunks_mut(BLOCKS_A_TASK));
-        places.zip(shapes).map(|((centers, areas), (flat, through))| RowsMut { centers, flat, through, areas })
+        places.zip(shapes).map(|((centers, areas), (flat, through))| RowsMut {
+            centers,
+            flat,
+            through,
+            areas,
+        })
     }
 }
 

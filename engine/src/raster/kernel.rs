@@ -1,6 +1,6 @@
 //! Volume records to optical depths or opacities at the pixels of a block.
 
-use super::offsets::{Exact, Plane, HALF_LOG2_E};
+use super::offsets::{Exact, HALF_LOG2_E, Plane};
 use super::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
 use super::slabs::SlabColumns;
 use crate::camera::Projection;

@@ -128,6 +128,12 @@ impl Outlines {
         }
     }
 
+    /// How many there are.
+    #[inline(always)]
+    pub(crate) fn count(&self) -> usize {
+        self.count
+    }
+
     /// Beginnings of the sixteens of records.
     #[inline(always)]
     pub(crate) fn sixteens(&self) -> impl Iterator<Item = usize> + use<> {

@@ -61,6 +61,8 @@ pub(crate) struct Surfels {
     /// 1/d_z, and in the exact form how much of d_z is left where den is largest.
     per_depth: Column,
     least_depth: Column,
+    /// Of each sixteen, where the first span in the tile begins, at least.
+    nearest: [f32; BATCH / 16],
     each: [Surfel; BATCH],
     /// Those that each block needs.
     pub(crate) masks: BlockMasks,
@@ -261,6 +263,7 @@ impl Surfels {
         tilt: [[0.0; BATCH]; 2],
         per_depth: [1.0; BATCH],
         least_depth: [1.0; BATCH],
+        nearest: [f32::NEG_INFINITY; BATCH / 16],
         each: [Surfel::NONE; BATCH],
         masks: BlockMasks::NONE,
     };
@@ -302,6 +305,13 @@ impl Surfels {
         }
         let rect = |number: usize| &surfaces.rects[self.each[number].index as usize];
         self.masks = self.outlines.blocks(simd, tile, u64::MAX, rect);
+        let half = (tile.side - 1) as f32 / 2.0;
+        let (mut nearest, mut seen_from, mut farthest) = ([0.0; BATCH], [0.0; BATCH], [0.0; BATCH]);
+        let count = self.outlines.count();
+        self.bounds(simd, ([half; 2], half), u64::MAX, (lens, [&mut nearest, &mut seen_from, &mut farthest]));
+        for (least, nearest) in self.nearest.iter_mut().zip(nearest[..count].chunks(16)) {
+            *least = nearest.iter().fold(f32::INFINITY, |least, nearest| least.min(*nearest));
+        }
     }
 
     /// Those of a set in the exact form, and the others.
@@ -315,27 +325,37 @@ impl Surfels {
         &self.each[number % BATCH]
     }
 
-    /// For each record of a set, at least, between which depths the spans of samples begin in the block with a corner, less
-    /// 3σ_z, and how deep samples are at least.
+    /// Those of a set that are in sixteens whose spans may begin before a depth; says how near the others come.
+    #[inline(always)]
+    pub(crate) fn begin_before(&self, mut set: u64, depth: f32, nearest_of_others: &mut f32) -> u64 {
+        for (sixteen, nearest) in self.nearest.iter().enumerate() {
+            let own = 0xffff << (16 * sixteen);
+            if *nearest > depth && set & own != 0 {
+                *nearest_of_others = nearest_of_others.min(*nearest);
+                set &= !own;
+            }
+        }
+        set
+    }
+
+    /// For each record of a set, at least, between which depths the spans of samples begin in the square of pixels around a middle,
+    /// less 3σ_z, and how deep samples are at least.
     #[inline(always)]
     pub(crate) fn bounds<S: Simd>(
         &self,
         simd: S,
-        (corner, set): ([f32; 2], u64),
-        lens: &SurfelLens,
-        [nearest, seen_from, farthest]: [&mut Column; 3],
+        (middle, half): ([f32; 2], f32),
+        set: u64,
+        (lens, [nearest, seen_from, farthest]): (&SurfelLens, [&mut Column; 3]),
     ) {
         let infinity = W::simd_from(simd, f32::INFINITY);
         let one = W::simd_from(simd, 1.0);
         for first in (0..BATCH).step_by(16).filter(|first| set >> first & 0xffff != 0) {
             let [x, y] = sixteen_of(simd, &self.outlines.mean, first);
-            let middle = [
-                W::simd_from(simd, corner[0] + HALF_BLOCK) - x,
-                W::simd_from(simd, corner[1] + HALF_BLOCK) - y,
-            ];
+            let middle = [W::simd_from(simd, middle[0]) - x, W::simd_from(simd, middle[1]) - y];
             let (depth, sigma_z) =
                 (sixteen(simd, &self.outlines.depth, first), sixteen(simd, &self.outlines.sigma_z, first));
-            let rise = range(sixteen_of(simd, &self.outlines.depth_slope, first), middle);
+            let rise = range(sixteen_of(simd, &self.outlines.depth_slope, first), middle, half);
             let mut seen = [depth + rise[0], depth + rise[1]];
             let mut reach = sigma_z * 3.0;
             let exact = mask32x16::from_bitmask(simd, self.outlines.exact >> first);
@@ -350,7 +370,7 @@ impl Surfels {
                 reach = exact.select(reach * inverse_t[1], reach);
             }
             // Where the plane is.
-            let tilt = range(sixteen_of(simd, &self.tilt, first), middle);
+            let tilt = range(sixteen_of(simd, &self.tilt, first), middle, half);
             let plane = if lens.is_perspective {
                 depth * inverse(simd, [one + tilt[0], one + tilt[1]])[0]
             } else {
@@ -369,11 +389,11 @@ impl Surfels {
     }
 }
 
-/// The range over a block of what changes with a slope a pixel, `middle` pixels from where it is 0.
+/// The range over a square of what changes with a slope a pixel, `middle` pixels from where it is 0.
 #[inline(always)]
-fn range<S: Simd>(slope: [W<S>; 2], middle: [W<S>; 2]) -> [W<S>; 2] {
+fn range<S: Simd>(slope: [W<S>; 2], middle: [W<S>; 2], half: f32) -> [W<S>; 2] {
     let middle = slope[0].mul_add(middle[0], slope[1] * middle[1]);
-    let half = (slope[0].abs() + slope[1].abs()) * HALF_BLOCK;
+    let half = (slope[0].abs() + slope[1].abs()) * half;
     [middle - half, middle + half]
 }
 
@@ -382,5 +402,8 @@ fn range<S: Simd>(slope: [W<S>; 2], middle: [W<S>; 2]) -> [W<S>; 2] {
 fn inverse<S: Simd>(simd: S, [low, high]: [W<S>; 2]) -> [W<S>; 2] {
     let infinity = W::simd_from(simd, f32::INFINITY);
     let is_positive = low.simd_gt(W::simd_from(simd, 0.05));
-    [is_positive.select(reciprocal(simd, high), -infinity), is_positive.select(reciprocal(simd, low), infinity)]
+    [
+        is_positive.select(reciprocal(simd, high), -infinity),
+        is_positive.select(reciprocal(simd, low), infinity),
+    ]
 }

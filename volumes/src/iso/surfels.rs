@@ -145,7 +145,8 @@ impl IsoSurfels {
             let first = ends.partition_point(|end| *end <= numbers.start);
             let begin = first.checked_sub(1).map_or(0, |before| ends[before]);
             // All but the first block are taken from their beginning.
-            let blocks = self.blocks[first..].iter().zip(std::iter::once(numbers.start - begin).chain(repeat(0)));
+            let blocks =
+                self.blocks[first..].iter().zip(std::iter::once(numbers.start - begin).chain(repeat(0)));
             let all = blocks.flat_map(|(block, from)| block.since(from));
             all.map(|surfel| Surfel {
                 center: surfel.center,
