@@ -191,3 +191,91 @@ impl RowsMut<'_> {
         is_flat
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cloud::{Shapes, Splats, Strength, Surface};
+
+    const LOOK: SurfelLook = SurfelLook {
+        color: [0.5, 0.25, 1.0],
+        opacity: 0.75,
+        depth_tolerance: 0.5,
+        coverage_floor: 0.9,
+        closed: true,
+        material: Material::UNLIT,
+    };
+
+    /// Different ones, flat or not.
+    fn surfel(index: usize, thickness: f32) -> Surfel {
+        let x = index as f32;
+        let factor = Mat3::from_cols(Vec3::X * (1.0 + x), Vec3::Y * 2.0, Vec3::Z * thickness);
+        Surfel { center: Vec3::new(x, -x, 1.0), factor, area: 0.5 * x }
+    }
+
+    fn arrays(count: usize, thickness: f32) -> Splats {
+        let all = || (0..count).map(|i| surfel(i, thickness));
+        Splats {
+            centers: all().map(|surfel| surfel.center).collect(),
+            shapes: Shapes::Each(all().map(|surfel| surfel.factor).collect()),
+            strength: Strength::Surface(Surface {
+                areas: all().map(|surfel| surfel.area).collect(),
+                opacities: Some(vec![LOOK.opacity; count]),
+                depth_tolerance: LOOK.depth_tolerance,
+                coverage_floor: LOOK.coverage_floor,
+                closed: LOOK.closed,
+            }),
+            colors: vec![LOOK.color; count],
+            harmonics: None,
+            normals: None,
+            material: LOOK.material,
+        }
+    }
+
+    #[test]
+    fn a_cloud_of_surfels_is_that_of_their_arrays() {
+        for count in [0, 1, 7, 8, 9, 16, TOGETHER, 2 * TOGETHER + 3] {
+            for thickness in [0.0, 0.25] {
+                let made =
+                    Cloud::of_surfels(count, &LOOK, |range| range.map(|i| surfel(i, thickness))).unwrap();
+                let arrays = arrays(count, thickness);
+                assert_eq!(made.splats(), arrays, "{count}");
+                assert_eq!(made, Cloud::new(arrays).unwrap(), "{count}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_first_surfel_that_is_wrong_is_refused() {
+        let count = 2 * TOGETHER + 3;
+        let made = |bad: fn(&mut Surfel), at: [usize; 2]| {
+            Cloud::of_surfels(count, &LOOK, move |range| {
+                range.map(move |i| {
+                    let mut surfel = surfel(i, 0.0);
+                    if at.contains(&i) {
+                        bad(&mut surfel);
+                    }
+                    surfel
+                })
+            })
+        };
+        let cases: [(fn(&mut Surfel), &str); 3] = [
+            (|surfel| surfel.center.y = f32::NAN, "centre"),
+            (|surfel| surfel.factor.y_axis.x = f32::INFINITY, "shape"),
+            (|surfel| surfel.area = -1.0, "areas"),
+        ];
+        for (bad, name) in cases {
+            let first = TOGETHER + 5;
+            match made(bad, [count - 1, first]) {
+                Err(CloudError::Value { index, what, .. }) => assert_eq!((index, what), (first, name)),
+                other => panic!("{name}: {:?}", other.err()),
+            }
+        }
+        let short = Cloud::of_surfels(count, &LOOK, |range| range.skip(1).map(|i| surfel(i, 0.0)));
+        assert!(matches!(short, Err(CloudError::Length { array: "surfels", .. })));
+        let dark = SurfelLook { color: [f32::NAN; 3], ..LOOK };
+        assert!(Cloud::of_surfels(1, &dark, |range| range.map(|i| surfel(i, 0.0))).is_err());
+        let ghost = SurfelLook { opacity: f32::NAN, ..LOOK };
+        assert!(Cloud::of_surfels(1, &ghost, |range| range.map(|i| surfel(i, 0.0))).is_err());
+    }
+}
