@@ -97,6 +97,14 @@ impl SurfelLook {
 }
 
 impl Surfel {
+    /// Whether nothing is wrong, as quickly as can be told: 0 times what isn't finite isn't 0.
+    #[inline(always)]
+    fn is_right(&self) -> bool {
+        let Self { center, factor, area } = self;
+        let [x, y, z] = [factor.x_axis, factor.y_axis, factor.z_axis].map(|axis| axis * 0.0);
+        center * 0.0 + x + y + z == Vec3::ZERO && (0.0..=f32::MAX).contains(area)
+    }
+
     /// Says what is wrong with the one that has this number.
     fn check(&self, index: usize) -> Result<(), CloudError> {
         let Self { center, factor, area } = self;
@@ -153,7 +161,7 @@ impl RowsMut<'_> {
         let (mut found, mut are_flat, mut last) = (0, true, Surfel::default());
         let mut first_wrong = Ok(());
         surfels.for_each(|surfel| {
-            if first_wrong.is_ok() {
+            if !surfel.is_right() && first_wrong.is_ok() {
                 first_wrong = surfel.check(numbers.start + found);
             }
             are_flat &= self.put(found, &surfel);
@@ -177,18 +185,22 @@ impl RowsMut<'_> {
     fn put(&mut self, place: usize, surfel: &Surfel) -> bool {
         let (block, lane) = (place / LANES, place % LANES);
         let Surfel { center, factor, area } = surfel;
-        let set = |rows: &mut [Lanes], numbers: &[f32]| {
-            rows.iter_mut().zip(numbers).for_each(|(row, number)| row[lane] = *number);
-        };
-        set(&mut self.centers[block], &center.to_array());
-        set(&mut self.areas[block], &[*area]);
-        let factor = factor.to_cols_array();
-        set(&mut self.flat[block], &factor[..6]);
-        let is_flat = factor[6..] == [0.0; 3];
+        let [a, b, c, d, e, f, through @ ..] = factor.to_cols_array();
+        set(&mut self.centers[block], lane, center.to_array());
+        set(&mut self.areas[block], lane, [*area]);
+        set(&mut self.flat[block], lane, [a, b, c, d, e, f]);
+        let is_flat = through == [0.0; 3];
         if !is_flat {
-            set(&mut self.through[block], &factor[6..]);
+            set(&mut self.through[block], lane, through);
         }
         is_flat
+    }
+}
+
+#[inline(always)]
+fn set<const N: usize>(rows: &mut [Lanes; N], lane: usize, numbers: [f32; N]) {
+    for (row, number) in rows.iter_mut().zip(numbers) {
+        row[lane % LANES] = number;
     }
 }
 

@@ -50,7 +50,8 @@ impl Block {
     #[inline]
     fn since(&self, first: usize) -> impl Iterator<Item = IsoSurfel> + '_ {
         let n = self.len();
-        (first..n).map(move |i| IsoSurfel::new(std::array::from_fn(|number| self.numbers[number * n + i])))
+        let rows: [&[f32]; NUMBERS] = std::array::from_fn(|number| &self.numbers[number * n..][..n]);
+        (first..n).map(move |i| IsoSurfel::new(std::array::from_fn(|number| rows[number][i])))
     }
 }
 
