@@ -259,8 +259,9 @@ mod tests {
 
     #[test]
     fn the_first_surfel_that_is_wrong_is_refused() {
+        type Spoil = fn(&mut Surfel);
         let count = 2 * TOGETHER + 3;
-        let made = |bad: fn(&mut Surfel), at: [usize; 2]| {
+        let made = |bad: Spoil, at: [usize; 2]| {
             Cloud::of_surfels(count, &LOOK, move |range| {
                 range.map(move |i| {
                     let mut surfel = surfel(i, 0.0);
@@ -271,7 +272,7 @@ mod tests {
                 })
             })
         };
-        let cases: [(fn(&mut Surfel), &str); 3] = [
+        let cases: [(Spoil, &str); 3] = [
             (|surfel| surfel.center.y = f32::NAN, "centre"),
             (|surfel| surfel.factor.y_axis.x = f32::INFINITY, "shape"),
             (|surfel| surfel.area = -1.0, "areas"),
