@@ -9,7 +9,7 @@ mod common;
 #[expect(dead_code, unused_imports, reason = "the program's report says more, and has tests")]
 mod stats;
 
-use common::volumes::{ENGINE, ENGINE_ISO, data, volume};
+use common::volumes::{ENGINE, ENGINE_ISO, volume};
 use criterion::{Criterion, criterion_group, criterion_main};
 use oblate::engine::{Cloud, Renderer, Scene, Stage};
 use oblate::volumes::{Interpolation, IsoExtractor, IsoSettings, IsoSurfels, Volume};
@@ -45,22 +45,21 @@ impl Viewer<'_> {
 }
 
 fn surface(criterion: &mut Criterion) {
-    if !data(ENGINE).is_file() {
-        eprintln!("{} is missing", data(ENGINE).display());
+    let work =
+        common::works().into_iter().find(|work| work.name == "T2").expect("T2 is the engine's surface");
+    if !work.is_available() {
         return;
     }
     let pool = ThreadPoolBuilder::new().num_threads(THREADS).build().expect("two threads can be had");
     let volume = volume(ENGINE);
     let (extractor, surfels) = (IsoExtractor::new(&volume), IsoSurfels::default());
     let mut viewer = Viewer { extractor, surfels, renderer: Renderer::new() };
-    let work =
-        common::works().into_iter().find(|work| work.name == "T2").expect("T2 is the engine's surface");
     pool.install(|| viewer.extract());
     let mut group = criterion.benchmark_group("surface");
     group.sample_size(10);
     group.bench_function("extraction", |bencher| bencher.iter(|| pool.install(|| viewer.extract())));
     group.bench_function("cloud", |bencher| bencher.iter(|| pool.install(|| viewer.scene())));
-    let scene = pool.install(|| viewer.scene());
+    let scene = pool.install(work.scene);
     for frame in &work.frames {
         let name = |part: &str| format!("{} {part}", frame.name);
         group.bench_function(name("whole"), |bencher| {
