@@ -200,8 +200,13 @@ impl Cloud {
     /// When arrays differ in length or a number is not finite or outside its documented range.
     pub fn new(splats: Splats) -> Result<Self, CloudError> {
         validate(&splats)?;
-        let levels = Arc::new(vec![Level::of_splats(Columns::new(splats))]);
-        Ok(Self { levels, cloud_to_world: DAffine3::IDENTITY })
+        Ok(Self::of_columns(Columns::new(splats)))
+    }
+
+    /// The cloud of checked numbers.
+    pub(crate) fn of_columns(columns: Columns) -> Self {
+        let levels = Arc::new(vec![Level::of_splats(columns)]);
+        Self { levels, cloud_to_world: DAffine3::IDENTITY }
     }
 
     /// The same cloud with levels of detail: splats that stand for four of the level below each, down to the cloud's own. A
@@ -291,9 +296,7 @@ const CHECKED_TOGETHER: usize = 4096;
 
 fn validate(splats: &Splats) -> Result<(), CloudError> {
     let expected = splats.centers.len();
-    if expected >= u32::MAX as usize {
-        return Err(CloudError::Count(expected));
-    }
+    check_names(expected)?;
     let length = |array: &'static str, found: usize| {
         if found == expected { Ok(()) } else { Err(CloudError::Length { array, found, expected }) }
     };
@@ -313,19 +316,7 @@ fn validate(splats: &Splats) -> Result<(), CloudError> {
             finite("shape", factors, 1, Mat3::is_finite)?;
         }
     }
-    let Material { emission, ambient, diffuse, specular, exponent } = splats.material;
-    for (what, value) in [
-        ("emission", emission),
-        ("ambient", ambient),
-        ("diffuse", diffuse),
-        ("specular", specular),
-        ("exponent", exponent),
-    ] {
-        if !(value >= 0.0 && value.is_finite()) {
-            let expected = "a coefficient of the material is finite and at least 0";
-            return Err(CloudError::Value { index: 0, what, value: value.to_string(), expected });
-        }
-    }
+    check_material(splats.material)?;
     length("colors", splats.colors.len())?;
     let finite_color = |color: &[f32; 3]| color.iter().all(|c| c.is_finite());
     finite("colour", &splats.colors, 1, finite_color)?;
@@ -356,22 +347,48 @@ fn validate(splats: &Splats) -> Result<(), CloudError> {
             if let Some(opacities) = &surface.opacities {
                 range("opacities", opacities, 1.0, "an opacity is from 0 to 1")?;
             }
-            let scalar = |what, value: f32, ok, expected| {
-                if ok {
-                    return Ok(());
-                }
-                Err(CloudError::Value { index: 0, what, value: value.to_string(), expected })
-            };
-            let (tolerance, floor) = (surface.depth_tolerance, surface.coverage_floor);
-            scalar(
-                "depth tolerance",
-                tolerance,
-                tolerance >= 0.0 && tolerance.is_finite(),
-                "it must be finite and at least 0",
-            )?;
-            scalar("coverage floor", floor, floor > 0.0 && floor <= 1.0, "it must be above 0 and at most 1")
+            check_surface(surface.depth_tolerance, surface.coverage_floor)
         }
     }
+}
+
+/// A number of a splat that isn't as it should be.
+pub(crate) fn wrong(index: usize, what: &'static str, value: String, expected: &'static str) -> CloudError {
+    CloudError::Value { index, what, value, expected }
+}
+
+/// Refuses more splats than there are names.
+pub(crate) fn check_names(count: usize) -> Result<(), CloudError> {
+    if count >= u32::MAX as usize { Err(CloudError::Count(count)) } else { Ok(()) }
+}
+
+pub(crate) fn check_material(material: Material) -> Result<(), CloudError> {
+    let Material { emission, ambient, diffuse, specular, exponent } = material;
+    for (what, value) in [
+        ("emission", emission),
+        ("ambient", ambient),
+        ("diffuse", diffuse),
+        ("specular", specular),
+        ("exponent", exponent),
+    ] {
+        if !(value >= 0.0 && value.is_finite()) {
+            let expected = "a coefficient of the material is finite and at least 0";
+            return Err(wrong(0, what, value.to_string(), expected));
+        }
+    }
+    Ok(())
+}
+
+pub(crate) fn check_surface(depth_tolerance: f32, coverage_floor: f32) -> Result<(), CloudError> {
+    if !(depth_tolerance >= 0.0 && depth_tolerance.is_finite()) {
+        let expected = "it must be finite and at least 0";
+        return Err(wrong(0, "depth tolerance", depth_tolerance.to_string(), expected));
+    }
+    if !(coverage_floor > 0.0 && coverage_floor <= 1.0) {
+        let expected = "it must be above 0 and at most 1";
+        return Err(wrong(0, "coverage floor", coverage_floor.to_string(), expected));
+    }
+    Ok(())
 }
 
 /// Refuses the first of the values, `per_splat` for each splat, that is not finite.

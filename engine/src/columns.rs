@@ -11,29 +11,59 @@ pub(crate) const LANES: usize = 8;
 pub(crate) const CHILDREN: usize = 4;
 
 /// The least number of blocks that a thread makes at a time.
-const BLOCKS_A_TASK: usize = 256;
+pub(crate) const BLOCKS_A_TASK: usize = 256;
 
 /// One number of each splat of a block.
 pub(crate) type Lanes = [f32; LANES];
 
 /// `N` numbers of each splat; splat i is lane i % [`LANES`] of block i / [`LANES`]. The last block is filled up
-/// with its last splat.
+/// with its last splat. Where all splats are alike there is one block, which stands for all.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Column<const N: usize>(Vec<[Lanes; N]>);
 
 impl<const N: usize> Column<N> {
     /// The column of what `row` makes of the values, which are freed.
     pub(crate) fn new<T: Sync>(values: Vec<T>, row: impl Fn(&T) -> [f32; N] + Sync) -> Self {
+        Self::new_of(&values, row)
+    }
+
+    /// As [`Self::new`]; the values stay.
+    fn new_of<T: Sync>(values: &[T], row: impl Fn(&T) -> [f32; N] + Sync) -> Self {
         let block = |values: &[T]| {
             let rows: [_; LANES] = std::array::from_fn(|lane| row(&values[lane.min(values.len() - 1)]));
             std::array::from_fn(|i| rows.map(|row| row[i]))
         };
+        if let Some(first) = values.first().map(&row)
+            && values.get(LANES).is_some_and(|value| row(value) == first)
+            && values.par_iter().with_min_len(BLOCKS_A_TASK * LANES).all(|value| row(value) == first)
+        {
+            return Self::alike(values.len(), first);
+        }
         Self(values.par_chunks(LANES).with_min_len(BLOCKS_A_TASK).map(block).collect())
+    }
+
+    /// The column of `len` splats with the same numbers.
+    pub(crate) fn alike(len: usize, numbers: [f32; N]) -> Self {
+        Self(vec![numbers.map(|number| [number; LANES]); len.min(1)])
+    }
+
+    /// The column of finished blocks.
+    pub(crate) fn of_blocks(mut blocks: Vec<[Lanes; N]>) -> Self {
+        if let [first, second, ..] = &blocks[..] {
+            let one = first.map(|row| [row[0]; LANES]);
+            if *second == one && blocks.par_iter().with_min_len(BLOCKS_A_TASK).all(|block| *block == one) {
+                blocks = vec![one];
+            }
+        }
+        Self(blocks)
     }
 
     /// Puts the splats of each run of `run`, a multiple of [`LANES`], in another order: splat i of a run becomes what its splat
     /// `order[i]` was.
     fn reorder(&mut self, order: &[u32], run: usize) {
+        if self.0.len() < order.len().div_ceil(LANES) {
+            return;
+        }
         self.0.par_chunks_mut(run / LANES).zip(order.par_chunks(run)).for_each(|(blocks, order)| {
             let before = blocks.to_vec();
             for (places, order) in blocks.iter_mut().zip(order.chunks(LANES)) {
@@ -50,12 +80,12 @@ impl<const N: usize> Column<N> {
     /// The numbers of splats 8 · block up to 8 · block + 7.
     #[inline(always)]
     pub(crate) fn block(&self, block: usize) -> &[Lanes; N] {
-        &self.0[block]
+        &self.0[block.min(self.0.len() - 1)]
     }
 
     /// The numbers of one splat.
     pub(crate) fn row(&self, index: usize) -> [f32; N] {
-        let block = &self.0[index / LANES];
+        let block = self.block(index / LANES);
         std::array::from_fn(|i| block[i][index % LANES])
     }
 }
@@ -64,7 +94,12 @@ impl<const N: usize> Column<N> {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Factors {
     Shared(Mat3),
-    Each(Column<9>),
+    Each {
+        /// The first two columns.
+        flat: Column<6>,
+        /// The third: of flat surfels nothing.
+        through: Column<3>,
+    },
 }
 
 /// What the strengths of a cloud mean.
@@ -121,7 +156,15 @@ impl Columns {
             centers: Column::new(splats.centers, Vec3::to_array),
             factors: match splats.shapes {
                 Shapes::Shared(factor) => Factors::Shared(factor),
-                Shapes::Each(factors) => Factors::Each(Column::new(factors, Mat3::to_cols_array)),
+                Shapes::Each(factors) => {
+                    let through = Column::new_of(&factors, |factor| factor.z_axis.to_array());
+                    let flat = |factor: &Mat3| {
+                        let [[a, b, c], [d, e, f]] =
+                            [factor.x_axis, factor.y_axis].map(|axis| axis.to_array());
+                        [a, b, c, d, e, f]
+                    };
+                    Factors::Each { flat: Column::new(factors, flat), through }
+                }
             },
             kind,
             strengths: single(strengths),
@@ -137,8 +180,9 @@ impl Columns {
     /// `order[i]` was. Takes no more memory than a run does for each thread.
     pub(crate) fn reorder(&mut self, order: &[u32], run: usize) {
         self.centers.reorder(order, run);
-        if let Factors::Each(factors) = &mut self.factors {
-            factors.reorder(order, run);
+        if let Factors::Each { flat, through } = &mut self.factors {
+            flat.reorder(order, run);
+            through.reorder(order, run);
         }
         self.strengths.reorder(order, run);
         self.opacities.iter_mut().for_each(|opacities| opacities.reorder(order, run));
@@ -161,7 +205,7 @@ impl Columns {
                 factor.determinant().abs() * (3.0 / squares(x.cross(y), y.cross(z), z.cross(x))).sqrt();
             if sigma > 0.0 && sigma.is_finite() { sigma } else { (squares(x, y, z) / 3.0).sqrt() }
         };
-        let Factors::Each(_) = &self.factors else { return Some(sigma(self.factor(0))) };
+        let Factors::Each { .. } = &self.factors else { return Some(sigma(self.factor(0))) };
         let mut values: Vec<f32> =
             (0..self.len).into_par_iter().map(|index| sigma(self.factor(index))).collect();
         let middle = values.len() / 2;
@@ -175,7 +219,10 @@ impl Columns {
     pub(crate) fn factor(&self, index: usize) -> Mat3 {
         match &self.factors {
             Factors::Shared(factor) => *factor,
-            Factors::Each(factors) => Mat3::from_cols_array(&factors.row(index)),
+            Factors::Each { flat, through } => {
+                let [a, b, c, d, e, f] = flat.row(index);
+                Mat3::from_cols(Vec3::new(a, b, c), Vec3::new(d, e, f), through.row(index).into())
+            }
         }
     }
 
@@ -204,7 +251,7 @@ impl Columns {
             centers: (0..self.len).map(|i| self.center(i)).collect(),
             shapes: match &self.factors {
                 Factors::Shared(factor) => Shapes::Shared(*factor),
-                Factors::Each(_) => Shapes::Each((0..self.len).map(|i| self.factor(i)).collect()),
+                Factors::Each { .. } => Shapes::Each((0..self.len).map(|i| self.factor(i)).collect()),
             },
             strength: match self.kind {
                 Kind::Extinction => Strength::Extinction { masses: strengths },

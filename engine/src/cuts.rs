@@ -69,8 +69,9 @@ impl BlockCuts {
 
 /// The cuts of a tile's pixels, near to far.
 pub(crate) struct Cuts {
-    /// Block by block.
+    /// Block by block, and what earlier tiles had.
     cuts: Vec<Cut>,
+    used: usize,
     blocks: [BlockCuts; MAX_BLOCKS],
     hidden: f32,
     segments: usize,
@@ -79,11 +80,11 @@ pub(crate) struct Cuts {
 impl Cuts {
     pub(crate) fn new() -> Self {
         let cuts = Vec::with_capacity(USUAL_LAYERS * MAX_BLOCKS);
-        Self { cuts, blocks: [BlockCuts::OPEN; MAX_BLOCKS], hidden: f32::INFINITY, segments: 1 }
+        Self { cuts, used: 0, blocks: [BlockCuts::OPEN; MAX_BLOCKS], hidden: f32::INFINITY, segments: 1 }
     }
 
     pub(crate) fn clear(&mut self) {
-        self.cuts.clear();
+        self.used = 0;
         self.blocks = [BlockCuts::OPEN; MAX_BLOCKS];
         (self.hidden, self.segments) = (f32::INFINITY, 1);
     }
@@ -119,18 +120,26 @@ impl Cuts {
         self.blocks[block].ends = depth;
     }
 
-    /// Adds a layer behind those that a block has. Blocks come one after the other.
+    /// Where the next layer goes, with whatever was there before.
+    pub(crate) fn next(&mut self) -> &mut Cut {
+        if self.used == self.cuts.len() {
+            self.cuts.push(Cut::NONE);
+        }
+        &mut self.cuts[self.used]
+    }
+
+    /// Keeps what was put there as a layer behind those that a block has. Blocks come one after the other.
     #[inline(always)]
-    pub(crate) fn push<S: Simd>(&mut self, simd: S, block: usize, mut cut: Cut) {
+    pub(crate) fn keep<S: Simd>(&mut self, simd: S, block: usize) {
         let own = &mut self.blocks[block];
         if own.layers == 0 {
-            own.first = self.cuts.len();
-        } else if let Some(before) = self.cuts.last() {
+            own.first = self.used;
+        } else if let [before, cut] = &mut self.cuts[self.used - 1..=self.used] {
             // Means of spans that overlap need not be in order; cuts are.
             cut.depth.store(cut.depth.load(simd).max(before.depth.load(simd)));
         }
         own.layers += 1;
-        self.cuts.push(cut);
+        self.used += 1;
     }
 
     /// Looks at the finished cuts of all blocks. Behind a transmittance of `spent` nothing is seen.

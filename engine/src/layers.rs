@@ -7,14 +7,14 @@
 //!
 //! Layers are peeled, block by block: one pass over a block's records finds each pixel's first sample, one sums up what
 //! belongs to it, and what lies behind a layer's limit is left for the next. Nothing is sorted or kept. Records come
-//! roughly from near to far, so that a block that is covered soon needs most of them no more.
+//! roughly from near to far, in sixteens of neighbours, so that a block that is covered soon doesn't even look at most of them.
 
 use crate::cloud::Cloud;
 use crate::columns::Kind;
 use crate::cuts::{Cut, Cuts, MAX_LAYERS};
 use crate::raster::{BATCH, Surfaces, Surfel, SurfelLens, Surfels};
 use crate::simd::*;
-use crate::tile::{PIXELS, Tile, pixels};
+use crate::tile::{HALF_BLOCK, PIXELS, Tile, pixels};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 /// The layer that is being peeled from a block.
@@ -29,6 +29,8 @@ struct Peel<S: Simd> {
     previous: W<S>,
     /// The limit of the layer behind which nothing is seen; ∞ before there is one, −∞ beside the picture.
     end: W<S>,
+    /// Whether the layer takes every sample that is left.
+    takes_all: bool,
 }
 
 /// Sums over the samples of a layer.
@@ -36,7 +38,10 @@ struct Sums<S: Simd> {
     /// Of the splats that show their front, and of those that show their back. The two sides of a thin sheet would
     /// cancel, so their normals are never added.
     sides: [Side<S>; 2],
+    /// Of how far colours are from the one that surfaces most often have all over.
     color: [W<S>; 3],
+    usual: [f32; 3],
+    /// Of depths behind the first sample's.
     depth: W<S>,
     /// Of 1 − opacity.
     clear: W<S>,
@@ -50,13 +55,45 @@ struct Side<S: Simd> {
 
 impl<S: Simd> Sums<S> {
     #[inline(always)]
-    fn zero(simd: S) -> Self {
+    fn zero(simd: S, usual: [f32; 3]) -> Self {
         let zero = W::simd_from(simd, 0.0);
         Self {
             sides: [Side { weight: zero, normal: [zero; 3] }; 2],
             color: [zero; 3],
+            usual,
             depth: zero,
             clear: zero,
+        }
+    }
+
+    #[inline(always)]
+    fn weight(&self) -> W<S> {
+        self.sides[0].weight + self.sides[1].weight
+    }
+
+    /// Adds samples of a surfel, by their weights and how far they are behind the first ones.
+    #[inline(always)]
+    fn add(&mut self, simd: S, surfel: &Surfel, here: &Here<S>, [weight, behind]: [W<S>; 2]) {
+        let Surfel { normal, color, opacity, .. } = *surfel;
+        self.depth = behind.mul_add(weight, self.depth);
+        if opacity < 1.0 {
+            self.clear = weight.mul_add(W::simd_from(simd, 1.0 - opacity), self.clear);
+        }
+        if color != self.usual {
+            for ((sum, own), usual) in self.color.iter_mut().zip(color).zip(self.usual) {
+                *sum = weight.mul_add(W::simd_from(simd, own - usual), *sum);
+            }
+        }
+        match surfel.faces_away(here.corner) {
+            Some(false) => self.sides[0].add(simd, normal, weight),
+            Some(true) => self.sides[1].add(simd, normal, weight),
+            None => {
+                let zero = W::simd_from(simd, 0.0);
+                let facing = surfel.exact_facing(simd, here.pixels);
+                let back = facing.simd_gt(zero).select(weight, zero);
+                self.sides[0].add(simd, normal, weight - back);
+                self.sides[1].add(simd, normal, back);
+            }
         }
     }
 }
@@ -106,19 +143,34 @@ pub(crate) struct LayerBuffers {
     /// A tile's records, and how many batches of them it has.
     batches: Vec<Surfels>,
     used: usize,
-    /// Of a block: its records, by their place in the tile, and between which depths their spans begin.
+    /// Of a block: the records of each batch that may be of use.
+    rest: Vec<u64>,
+    /// Those that the layer may have samples of.
     listed: Vec<Listed>,
 }
 
-/// A record of a block.
+/// A record of a block by its place in the tile.
 #[derive(Clone, Copy)]
 struct Listed {
     batch: u32,
     number: u32,
+    /// Its spans begin behind this.
     nearest: f32,
-    /// Its samples are at least this deep.
-    seen_from: f32,
+}
+
+/// Where a layer is looked for.
+struct Search<S: Simd> {
+    /// The pixels that need it; whether there are layers before; the least depth at which one of those ends.
+    is_open: mask32x16<S>,
+    is_behind: bool,
+    done: f32,
+    /// The greatest depth of the first samples so far, and of the layer's limits.
+    deepest: f32,
     farthest: f32,
+    /// The nearest of what was not looked at, since it begins behind those limits.
+    skipped: f32,
+    /// Places in the list of the first samples that were found in a batch.
+    firsts: u32x16<S>,
 }
 
 /// Turns a tile's surface records into cuts. Behind a transmittance of `spent` nothing is kept.
@@ -182,33 +234,6 @@ impl LayerBuilder<'_> {
         }
     }
 
-    /// Lists the records that a block needs.
-    #[inline(always)]
-    fn list<S: Simd>(&self, simd: S, (block, corner): (usize, [f32; 2]), buffers: &mut LayerBuffers) {
-        let LayerBuffers { batches, used, listed } = buffers;
-        listed.clear();
-        let (mut nearest, mut seen_from, mut farthest) = ([0.0; BATCH], [0.0; BATCH], [0.0; BATCH]);
-        for (batch, surfels) in batches[..*used].iter().enumerate() {
-            let mut rest = surfels.masks.of(block);
-            if rest == 0 {
-                continue;
-            }
-            let bounds = [&mut nearest, &mut seen_from, &mut farthest];
-            surfels.bounds(simd, (corner, rest), &self.lens, bounds);
-            while rest != 0 {
-                let number = rest.trailing_zeros() as usize % BATCH;
-                rest &= rest - 1;
-                listed.push(Listed {
-                    batch: batch as u32,
-                    number: number as u32,
-                    nearest: nearest[number],
-                    seen_from: seen_from[number],
-                    farthest: farthest[number],
-                });
-            }
-        }
-    }
-
     /// Peels the layers of a block; gives the number of times that a record was evaluated.
     #[inline(always)]
     fn peel<S: Simd>(
@@ -220,51 +245,52 @@ impl LayerBuilder<'_> {
     ) -> u64 {
         let corner = tile.corner_pixel(block);
         let here = Here { corner, pixels: pixels(simd, corner) };
-        apart(
-            simd,
-            #[inline(always)]
-            || self.list(simd, (block, corner), buffers),
-        );
-        let LayerBuffers { batches, listed, .. } = buffers;
-        if listed.is_empty() {
+        let LayerBuffers { batches, used, rest, listed } = buffers;
+        let batches = &batches[..*used];
+        rest.clear();
+        rest.extend(batches.iter().map(|surfels| surfels.masks.of(block)));
+        if rest.iter().all(|set| *set == 0) {
             return 0;
         }
         let infinity = W::simd_from(simd, f32::INFINITY);
         let wanted = tile.inside(simd, block).select(infinity, -infinity);
         let no_record = u32x16::simd_from(simd, Cut::NO_RECORD);
-        let mut peel =
-            Peel { depth: wanted, limit: wanted, record: no_record, previous: -infinity, end: wanted };
+        let mut peel = Peel {
+            depth: wanted,
+            limit: wanted,
+            record: no_record,
+            previous: -infinity,
+            end: wanted,
+            takes_all: false,
+        };
         let mut seen_through =
             SeenThrough { bare: W::simd_from(simd, 1.0), covered: W::simd_from(simd, 0.0) };
         let mut evaluated = 0;
         for layer in 0..MAX_LAYERS {
+            peel.takes_all = layer + 1 == MAX_LAYERS;
             evaluated += apart(
                 simd,
                 #[inline(always)]
-                || self.find_first(simd, (batches, here), listed, &mut peel),
+                || self.find_first(simd, (batches, here), (rest, listed), &mut peel),
             );
-            if listed.is_empty() {
-                break;
-            }
-            let last = layer + 1 == MAX_LAYERS;
-            if last {
-                // The last layer takes every sample that is left.
+            let Some(any) = listed.first() else { break };
+            if peel.takes_all {
                 peel.limit = peel.depth.simd_gt(-infinity).select(infinity, -infinity);
             }
-            let mut sums = Sums::zero(simd);
+            let mut sums = Sums::zero(simd, any.of(batches).color);
             evaluated += apart(
                 simd,
                 #[inline(always)]
                 || self.sum_up(simd, (batches, here), (listed, &peel), &mut sums),
             );
-            let mut cut = Cut::NONE;
+            let cut = cuts.next();
             let [found, goes_on] = apart(
                 simd,
                 #[inline(always)]
-                || self.close(simd, (&mut peel, &sums), (&mut seen_through, last), &mut cut),
+                || self.close(simd, (&mut peel, &sums), &mut seen_through, cut),
             );
             if found {
-                cuts.push(simd, block, cut);
+                cuts.keep(simd, block);
             }
             if !goes_on {
                 break;
@@ -274,47 +300,144 @@ impl LayerBuilder<'_> {
         evaluated
     }
 
-    /// Finds the first sample of each pixel behind the layers so far. Leaves those records in the list that may have
-    /// samples there.
+    /// Finds the first sample of each pixel behind the layers so far, and lists the records that may have samples of the layer.
+    /// Leaves those in the rest that may have samples there or farther.
     #[inline(always)]
     fn find_first<S: Simd>(
         &self,
         simd: S,
         (batches, here): (&[Surfels], Here<S>),
-        listed: &mut Vec<Listed>,
+        (rest, listed): (&mut [u64], &mut Vec<Listed>),
         peel: &mut Peel<S>,
     ) -> u64 {
         let infinity = W::simd_from(simd, f32::INFINITY);
-        let mut deepest = peel.depth.reduce_max();
-        let done = peel.depth.simd_gt(-infinity).select(peel.previous, infinity).reduce_min();
-        let (mut kept, mut evaluated) = (0, 0);
-        for place in 0..listed.len() {
-            let candidate = listed[place];
-            if candidate.farthest <= done {
-                continue;
+        let is_open = peel.depth.simd_gt(-infinity);
+        let mut search = Search {
+            is_open,
+            is_behind: peel.previous.simd_gt(-infinity).any_true(),
+            done: is_open.select(peel.previous, infinity).reduce_min(),
+            deepest: peel.depth.reduce_max(),
+            farthest: peel.limit.reduce_max(),
+            skipped: f32::INFINITY,
+            firsts: u32x16::simd_from(simd, u32::MAX),
+        };
+        let mut evaluated = 0;
+        // Again where a nearer first sample has a farther limit than those by which others were left out.
+        for _ in 0..2 {
+            listed.clear();
+            search.skipped = f32::INFINITY;
+            for batch in 0..batches.len() {
+                if rest[batch] != 0 {
+                    evaluated +=
+                        self.look_through(simd, (batches, here, batch), (rest, listed), (&mut search, peel));
+                }
             }
-            // It may be of use to a later layer.
-            listed[kept] = candidate;
-            kept += 1;
-            if candidate.seen_from > deepest {
-                continue;
+            if search.skipped > search.farthest || search.skipped == f32::INFINITY {
+                break;
             }
-            evaluated += 1;
-            let surfel = candidate.of(batches);
-            let sample = surfel.sample(simd, here.pixels, &self.lens);
-            let nearer = sample.inside & sample.depth.simd_lt(peel.depth);
-            if !nearer.any_true() {
-                continue;
-            }
-            let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
-            let nearer = nearer & spans.nearest.simd_gt(peel.previous);
-            peel.depth = nearer.select(sample.depth, peel.depth);
-            peel.limit = nearer.select(spans.farthest + surfel.tolerance, peel.limit);
-            peel.record = nearer.select(u32x16::simd_from(simd, surfel.index), peel.record);
-            deepest = peel.depth.reduce_max();
         }
-        listed.truncate(kept);
         evaluated
+    }
+
+    /// Looks for first samples among the records of a batch.
+    #[inline(always)]
+    fn look_through<S: Simd>(
+        &self,
+        simd: S,
+        (batches, here, batch): (&[Surfels], Here<S>, usize),
+        (rest, listed): (&mut [u64], &mut Vec<Listed>),
+        (search, peel): (&mut Search<S>, &mut Peel<S>),
+    ) -> u64 {
+        let surfels = &batches[batch];
+        let set = surfels.begin_before(rest[batch], search.farthest, &mut search.skipped);
+        if set == 0 {
+            return 0;
+        }
+        let (mut nearest, mut seen_from, mut farthest) = ([0.0; BATCH], [0.0; BATCH], [0.0; BATCH]);
+        let bounds = [&mut nearest, &mut seen_from, &mut farthest];
+        surfels.bounds(
+            simd,
+            (
+                here.corner.each(
+                    #[inline(always)]
+                    |x| x + HALF_BLOCK,
+                ),
+                HALF_BLOCK,
+            ),
+            set,
+            (&self.lens, bounds),
+        );
+        let mut evaluated = 0;
+        search.firsts = u32x16::simd_from(simd, u32::MAX);
+        // Those of one form together: no processor foresees which form comes next.
+        for mut set in surfels.by_form(set) {
+            while set != 0 {
+                let number = set.trailing_zeros() as usize % BATCH;
+                set &= set - 1;
+                if farthest[number] <= search.done {
+                    rest[batch] &= !(1 << number);
+                    continue;
+                }
+                if nearest[number] > search.farthest {
+                    search.skipped = search.skipped.min(nearest[number]);
+                    continue;
+                }
+                let place = listed.len() as u32;
+                listed.push(Listed { batch: batch as u32, number: number as u32, nearest: nearest[number] });
+                if seen_from[number] > search.deepest {
+                    continue;
+                }
+                evaluated += 1;
+                let surfel = surfels.get(number);
+                let sample = surfel.sample(simd, here.pixels, &self.lens);
+                let mut inside = sample.inside;
+                if search.is_behind {
+                    inside &= search.is_open;
+                    if inside.any_true() {
+                        let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
+                        inside &= spans.nearest.simd_gt(peel.previous);
+                    }
+                    if !inside.any_true() {
+                        // Nor is it of use to a later layer, which is farther.
+                        rest[batch] &= !(1 << number);
+                        listed.pop();
+                        continue;
+                    }
+                }
+                let nearer = inside & sample.depth.simd_lt(peel.depth);
+                peel.depth = nearer.select(sample.depth, peel.depth);
+                search.firsts = nearer.select(u32x16::simd_from(simd, place), search.firsts);
+            }
+            search.deepest = peel.depth.reduce_max();
+        }
+        self.limit(simd, (batches, here), (listed, search.firsts), peel);
+        if !peel.takes_all {
+            search.farthest = peel.limit.reduce_max();
+        }
+        evaluated
+    }
+
+    /// Where the layer ends, by the places in the list of the pixels' first samples.
+    #[inline(always)]
+    fn limit<S: Simd>(
+        &self,
+        simd: S,
+        (batches, here): (&[Surfels], Here<S>),
+        (listed, firsts): (&[Listed], u32x16<S>),
+        peel: &mut Peel<S>,
+    ) {
+        let places: [u32; PIXELS] = firsts.into();
+        let mut open = firsts.simd_ne(u32x16::simd_from(simd, u32::MAX)).to_bitmask();
+        while open != 0 {
+            let place = places[open.trailing_zeros() as usize % PIXELS];
+            let own = firsts.simd_eq(u32x16::simd_from(simd, place));
+            open &= !own.to_bitmask();
+            let surfel = listed[place as usize].of(batches);
+            let sample = surfel.sample(simd, here.pixels, &self.lens);
+            let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
+            peel.limit = own.select(spans.farthest + surfel.tolerance, peel.limit);
+            peel.record = own.select(u32x16::simd_from(simd, surfel.index), peel.record);
+        }
     }
 
     /// Sums up the samples that belong to the layer.
@@ -327,41 +450,24 @@ impl LayerBuilder<'_> {
         sums: &mut Sums<S>,
     ) -> u64 {
         let (zero, infinity) = (W::simd_from(simd, 0.0), W::simd_from(simd, f32::INFINITY));
-        let farthest = peel.limit.reduce_max();
+        let is_open = peel.record.simd_ne(u32x16::simd_from(simd, Cut::NO_RECORD));
+        let farthest = is_open.select(peel.limit, -infinity).reduce_max();
         let is_behind = peel.previous.simd_gt(-infinity);
         let mut evaluated = 0;
         for candidate in listed.iter().filter(|candidate| candidate.nearest <= farthest) {
             let surfel = candidate.of(batches);
             evaluated += 1;
             let mut sample = surfel.sample(simd, here.pixels, &self.lens);
-            // Only where what is seen lies behind the limit it matters where the plane is.
-            let begins = surfel.begins(simd, &sample);
-            if (sample.inside & (begins.simd_gt(peel.limit) | is_behind)).any_true() {
+            sample.inside &= is_open;
+            // Only where what is seen lies behind the limit it matters where the plane is: spans begin before.
+            if (sample.inside & (sample.depth.simd_gt(peel.limit) | is_behind)).any_true() {
                 let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
                 sample.inside &= spans.nearest.simd_gt(peel.previous) & spans.nearest.simd_le(peel.limit);
             }
-            if !sample.inside.any_true() {
-                continue;
-            }
-            let Surfel { normal, color, opacity, .. } = *surfel;
             let weight = sample.inside.select(surfel.weight(simd, &sample, here.pixels, &self.lens), zero);
             // Where no sample was found the difference is infinite.
             let behind = sample.inside.select(sample.depth - peel.depth, zero);
-            sums.depth = behind.mul_add(weight, sums.depth);
-            sums.clear = weight.mul_add(W::simd_from(simd, 1.0 - opacity), sums.clear);
-            for (sum, own) in sums.color.iter_mut().zip(color) {
-                *sum = weight.mul_add(W::simd_from(simd, own), *sum);
-            }
-            match surfel.faces_away(here.corner) {
-                Some(false) => sums.sides[0].add(simd, normal, weight),
-                Some(true) => sums.sides[1].add(simd, normal, weight),
-                None => {
-                    let facing = surfel.exact_facing(simd, here.pixels);
-                    let back = facing.simd_gt(zero).select(weight, zero);
-                    sums.sides[0].add(simd, normal, weight - back);
-                    sums.sides[1].add(simd, normal, back);
-                }
-            }
+            sums.add(simd, surfel, &here, [weight, behind]);
         }
         evaluated
     }
@@ -373,19 +479,19 @@ impl LayerBuilder<'_> {
         &self,
         simd: S,
         (peel, sums): (&mut Peel<S>, &Sums<S>),
-        (seen_through, last): (&mut SeenThrough<S>, bool),
+        seen_through: &mut SeenThrough<S>,
         cut: &mut Cut,
     ) -> [bool; 2] {
         let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
         let infinity = W::simd_from(simd, f32::INFINITY);
         let no_record = u32x16::simd_from(simd, Cut::NO_RECORD);
         let [front, back] = &sums.sides;
-        let weight = front.weight + back.weight;
+        let weight = sums.weight();
         let found = peel.record.simd_ne(no_record);
         // Seen exactly edge-on a plane covers nothing, and hides nothing.
         let inverse = weight.simd_gt(W::simd_from(simd, 1e-30)).select(one / weight, zero);
         let mut opacity = one - (sums.clear * inverse).min(one);
-        if last {
+        if peel.takes_all {
             // The last layer may be several sheets, one behind the other.
             let (through, sheets): ([f32; PIXELS], [f32; PIXELS]) =
                 ((one - opacity).into(), weight.max(one).into());
@@ -404,8 +510,8 @@ impl LayerBuilder<'_> {
         );
         cut.depth.store(found.select(sums.depth.mul_add(inverse, peel.depth), infinity));
         cut.alpha.store(found.select(alpha, zero));
-        for (plane, sum) in cut.color.iter_mut().zip(sums.color) {
-            plane.store(sum * inverse);
+        for ((plane, sum), usual) in cut.color.iter_mut().zip(sums.color).zip(sums.usual) {
+            plane.store(sum.mul_add(inverse, W::simd_from(simd, usual)));
         }
         for (plane, normal) in cut.normal.iter_mut().zip(normal) {
             plane.store(found.select(normal, zero));
@@ -417,7 +523,7 @@ impl LayerBuilder<'_> {
         peel.depth = goes_on.select(infinity, -infinity);
         peel.limit = peel.depth;
         peel.record = no_record;
-        [found.any_true(), goes_on.any_true() && !last]
+        [found.any_true(), goes_on.any_true() && !peel.takes_all]
     }
 }
 

@@ -41,6 +41,7 @@ mod resolve;
 pub mod scene;
 mod shade;
 pub mod simd;
+pub mod surfels;
 mod tile;
 pub mod validate;
 
@@ -54,4 +55,5 @@ pub use pick::{Picked, Picker};
 pub use reference::{ReferenceKind, reference};
 pub use render::{Renderer, render};
 pub use scene::{Baseline, Blend, FootprintForm, Light, Order, RenderSettings, Scene};
+pub use surfels::{Surfel, SurfelLook};
 pub use validate::SceneError;

@@ -176,7 +176,7 @@ fn sheets_of_one_cell_become_a_surfel_each() {
     let volume = Volume::new([2, 2, 2], Voxels::F32(values), GridFrame::default()).unwrap();
     let cloud = surfels_at(&volume, 0.5);
     assert_eq!(cloud.len(), 2);
-    assert!(cloud.splats().normals.as_ref().unwrap()[0].min_element() > 0.0);
+    assert!(surfels(&cloud)[0].2.min_element() > 0.0);
 }
 
 #[test]

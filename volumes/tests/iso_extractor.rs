@@ -5,7 +5,8 @@
 mod common;
 
 use common::*;
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
+use oblate_engine::{Cloud, Splats};
 use oblate_volumes::{
     Grid, GridFrame, Interpolation, IsoError, IsoExtractor, IsoSettings, IsoSurfel, IsoSurfels, Volume,
     Voxels, iso_surfels, marschner_lobb, stream_iso_surfels,
@@ -52,6 +53,25 @@ fn values_one_after_the_other_are_as_values_by_themselves() {
     // Nothing is at 100, and the third ball ends at the border.
     assert!(extractor.extract(100.0, Interpolation::Trilinear).unwrap().is_empty());
     assert!(!kept.is_closed());
+}
+
+/// The cloud is that of the arrays, whose normals are those of the shapes.
+#[test]
+fn a_cloud_is_that_of_its_splats() {
+    let surfels = IsoExtractor::new(balls()).extract(0.0, Interpolation::Trilinear).unwrap();
+    assert!(surfels.len() > 5000, "{}: more than a thread makes at a time", surfels.len());
+    for (opacity, flattening) in [(1.0, f32::INFINITY), (0.5, f32::INFINITY), (1.0, 4.0)] {
+        let settings = IsoSettings { opacity, flattening, ..IsoSettings::default() };
+        let splats = surfels.splats(&settings);
+        for (index, normal) in splats.normals.iter().flatten().enumerate() {
+            let factor = splats.shapes.factor(index);
+            // A few roundings of numbers up to 1.
+            assert!((factor.x_axis.cross(factor.y_axis).normalize() - *normal).length() < 1e-6);
+        }
+        let through = Cloud::new(Splats { normals: None, ..splats }).unwrap();
+        let origin = DAffine3::from_translation(surfels.frame().origin);
+        assert_eq!(surfels.cloud(&settings).unwrap(), through.transformed(origin));
+    }
 }
 
 #[test]

@@ -69,7 +69,9 @@ pub(super) fn coarser(below: &Level) -> Level {
             });
             Harmonics { degree: harmonics.degree, coefficients }
         }),
-        normals: columns.normals.as_ref().map(|_| merged.iter().map(|m| m.normal).collect()),
+        // Of surfaces they are those of shapes where there are no others, and means are shorter.
+        normals: (columns.normals.is_some() || matches!(columns.kind, Kind::Surface(_)))
+            .then(|| merged.iter().map(|m| m.normal).collect()),
         material: columns.material,
     });
     let needs = column(|m| m.need);

@@ -108,7 +108,7 @@ fn range_of(values: impl Iterator<Item = f32>) -> [f32; 2] {
 
 /// Cuts a level into clusters of consecutive splats.
 fn clusters(columns: &Columns) -> Vec<Cluster> {
-    let sigma = |index: usize| frobenius_squared(columns.factor(index).as_dmat3()).sqrt() as f32;
+    let variance = |index: usize| frobenius_squared(columns.factor(index).as_dmat3());
     let cluster = |number: usize| {
         let start = number * CLUSTER_SIZE;
         let splats = start..columns.len.min(start + CLUSTER_SIZE);
@@ -117,11 +117,12 @@ fn clusters(columns: &Columns) -> Vec<Cluster> {
         let (low, high) = centers().fold((first, first), |(low, high), p| (low.min(p), high.max(p)));
         let center = low * 0.5 + high * 0.5;
         let radius = centers().map(|p| p.distance_squared(center)).fold(0.0, f32::max).sqrt();
-        let largest_sigma = match &columns.factors {
-            Factors::Shared(_) => sigma(start),
-            Factors::Each(_) => splats.clone().map(sigma).fold(0.0, f32::max),
+        let largest_variance = match &columns.factors {
+            Factors::Shared(_) => variance(start),
+            Factors::Each { .. } => splats.clone().map(variance).fold(0.0, f64::max),
         };
         let parents_need = [f32::INFINITY; 2];
+        let largest_sigma = largest_variance.sqrt() as f32;
         Cluster { splats, center, radius, largest_sigma, needs: [0.0; 2], parents_need }
     };
     (0..columns.len.div_ceil(CLUSTER_SIZE)).into_par_iter().map(cluster).collect()

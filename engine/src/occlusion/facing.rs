@@ -113,8 +113,8 @@ impl<'a> Facing<'a> {
             Factors::Shared(factor) => {
                 [splat3(simd, factor.x_axis.to_array()), splat3(simd, factor.y_axis.to_array())]
             }
-            Factors::Each(factors) => {
-                let rows = factors.block(block);
+            Factors::Each { flat, .. } => {
+                let rows = flat.block(block);
                 [0, 3].each(
                     #[inline(always)]
                     |k| {

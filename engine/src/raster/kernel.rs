@@ -1,6 +1,6 @@
 //! Volume records to optical depths or opacities at the pixels of a block.
 
-use super::offsets::{Exact, HALF_LOG2_E};
+use super::offsets::{Exact, HALF_LOG2_E, Plane};
 use super::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
 use super::slabs::SlabColumns;
 use crate::camera::Projection;
@@ -245,7 +245,7 @@ impl Kernels {
         let exponent = if !self.outlines.is_exact(number) {
             offsets.exponent
         } else {
-            Exact::new(simd, &offsets, self.outlines.plane(number)).exponent
+            Exact::new(simd, &offsets, &self.outlines.plane(number)).exponent
         };
         let w = self.weight(simd, number, exponent);
         let [first, second, third] = self.alpha.each_ref().each(
@@ -273,10 +273,10 @@ impl Kernels {
     pub(crate) fn depth_at<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
         let offsets = self.outlines.offsets(simd, number, pixels);
         if !self.outlines.is_exact(number) {
-            let (depth, slope, _) = self.outlines.plane(number);
+            let Plane { depth, slope, .. } = self.outlines.plane(number);
             offsets.linear(simd, depth, slope)
         } else {
-            Exact::new(simd, &offsets, self.outlines.plane(number)).depth
+            Exact::new(simd, &offsets, &self.outlines.plane(number)).depth
         }
     }
 
@@ -298,7 +298,7 @@ impl Kernels {
                 sigma_z: W::simd_from(simd, sigma_z),
             };
         }
-        let Exact { exponent, depth, den } = Exact::new(simd, &offsets, self.outlines.plane(number));
+        let Exact { exponent, depth, den, .. } = Exact::new(simd, &offsets, &self.outlines.plane(number));
         let scale = inverse_root(simd, den);
         let mut strength = self.weight(simd, number, exponent) * amplitude;
         if !self.is_opacity(number) {

@@ -43,24 +43,45 @@ pub(crate) struct Exact<S: Simd> {
     /// z of the densest point.
     pub(crate) depth: W<S>,
     pub(crate) den: W<S>,
+    /// Its inverse.
+    pub(crate) per_den: W<S>,
+}
+
+/// What the exact form makes of a record's depth, its slope and σ₀.
+#[derive(Clone, Copy)]
+pub(crate) struct Plane {
+    pub(crate) depth: f32,
+    pub(crate) slope: [f32; 2],
+    /// κ.
+    pub(crate) per_depth: f32,
+    /// (κσ₀)²/k.
+    pub(crate) spread: f32,
+}
+
+impl Plane {
+    #[inline(always)]
+    pub(crate) fn new(depth: f32, slope: [f32; 2], sigma_z: f32) -> Self {
+        let per_depth = 1.0 / depth;
+        Self { depth, slope, per_depth, spread: (per_depth * sigma_z).powi(2) / HALF_LOG2_E }
+    }
 }
 
 impl<S: Simd> Exact<S> {
-    /// From where pixels are, and a record's depth, its slope and σ₀.
+    /// From where pixels are.
     #[inline(always)]
-    pub(crate) fn new(simd: S, offsets: &Offsets<S>, (depth, slope, sigma_z): (f32, [f32; 2], f32)) -> Self {
-        let inverse_depth = 1.0 / depth;
-        let spread = (inverse_depth * sigma_z).powi(2) / HALF_LOG2_E;
+    pub(crate) fn new(simd: S, offsets: &Offsets<S>, plane: &Plane) -> Self {
+        let Plane { depth, slope, per_depth, spread } = *plane;
         let rise = offsets.linear(simd, 0.0, slope);
-        let t = W::simd_from(simd, 1.0) - rise * inverse_depth;
+        let t = W::simd_from(simd, 1.0) - rise * per_depth;
         let den = (-offsets.exponent).mul_add(W::simd_from(simd, spread), t * t);
         // In the camera plane there is no depth, but a number.
         let den = den.max(W::simd_from(simd, 1e-30)).min(W::simd_from(simd, 1e30));
-        let inverse = reciprocal(simd, den);
+        let per_den = reciprocal(simd, den);
         Self {
-            exponent: offsets.exponent * inverse,
-            depth: (W::simd_from(simd, depth) - rise) * inverse,
+            exponent: offsets.exponent * per_den,
+            depth: (W::simd_from(simd, depth) - rise) * per_den,
             den,
+            per_den,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Which blocks of a tile the ellipses of records meet.
 
-use super::offsets::{HALF_LOG2_E, Offsets, ROOT_HALF_LOG2_E};
+use super::offsets::{HALF_LOG2_E, Offsets, Plane, ROOT_HALF_LOG2_E};
 use crate::footprint::{Form, Record, Rect};
 use crate::simd::*;
 use crate::tile::{BLOCK_SIDE, MAX_BLOCKS, Tile};
@@ -128,6 +128,12 @@ impl Outlines {
         }
     }
 
+    /// How many there are.
+    #[inline(always)]
+    pub(crate) fn count(&self) -> usize {
+        self.count
+    }
+
     /// Beginnings of the sixteens of records.
     #[inline(always)]
     pub(crate) fn sixteens(&self) -> impl Iterator<Item = usize> + use<> {
@@ -142,8 +148,9 @@ impl Outlines {
 
     /// Depth of a record's mean, its slope, and σ₀.
     #[inline(always)]
-    pub(crate) fn plane(&self, number: usize) -> (f32, [f32; 2], f32) {
-        (self.depth[number], [self.depth_slope[0][number], self.depth_slope[1][number]], self.sigma_z[number])
+    pub(crate) fn plane(&self, number: usize) -> Plane {
+        let slope = [self.depth_slope[0][number], self.depth_slope[1][number]];
+        Plane::new(self.depth[number], slope, self.sigma_z[number])
     }
 
     /// Where pixels are from the mean of a record.

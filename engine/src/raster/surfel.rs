@@ -1,6 +1,6 @@
 //! Surface records to samples with a plane at the pixels of a block.
 
-use super::offsets::{Exact, HALF_LOG2_E, Offsets, ROOT_HALF_LOG2_E};
+use super::offsets::{Exact, HALF_LOG2_E, Offsets, Plane, ROOT_HALF_LOG2_E};
 use super::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
 use crate::camera::Projection;
 use crate::footprint::{Form, Lens, Record, Rect, SurfaceSample};
@@ -58,6 +58,11 @@ pub(crate) struct Surfaces<'a> {
 pub(crate) struct Surfels {
     outlines: Outlines,
     tilt: [Column; 2],
+    /// 1/d_z, and in the exact form how much of d_z is left where den is largest.
+    per_depth: Column,
+    least_depth: Column,
+    /// Of each sixteen, where the first span in the tile begins, at least.
+    nearest: [f32; BATCH / 16],
     each: [Surfel; BATCH],
     /// Those that each block needs.
     pub(crate) masks: BlockMasks,
@@ -71,8 +76,7 @@ pub(crate) struct Surfel {
     mean: [f32; 2],
     /// √k M.
     root: [f32; 3],
-    depth: f32,
-    depth_slope: [f32; 2],
+    plane: Plane,
     sigma_z: f32,
     /// n·v over the coverage floor; negative where the front is seen.
     facing: f32,
@@ -96,8 +100,8 @@ pub(crate) struct Sample<S: Simd> {
     pub(crate) depth: W<S>,
     /// −kr.
     exponent: W<S>,
-    /// In the exact form.
-    den: Option<W<S>>,
+    /// 1/den in the exact form.
+    per_den: Option<W<S>>,
 }
 
 /// The depths of samples, from where they are seen to where the surfel's plane passes the pixel.
@@ -112,8 +116,7 @@ impl Surfel {
     const NONE: Self = Self {
         mean: [0.0; 2],
         root: [1.0; 3],
-        depth: 1.0,
-        depth_slope: [0.0; 2],
+        plane: Plane { depth: 1.0, slope: [0.0; 2], per_depth: 1.0, spread: 0.0 },
         sigma_z: 0.0,
         facing: 0.0,
         facing_slope: [0.0; 2],
@@ -140,8 +143,7 @@ impl Surfel {
                 #[inline(always)]
                 |root| root * ROOT_HALF_LOG2_E,
             ),
-            depth: record.depth,
-            depth_slope: record.depth_slope,
+            plane: Plane::new(record.depth, record.depth_slope, record.sigma_z),
             sigma_z: record.sigma_z,
             facing: record.amplitude,
             facing_slope: record.amplitude_slope_or_slabs,
@@ -183,23 +185,22 @@ impl Surfel {
     #[inline(always)]
     pub(crate) fn sample<S: Simd>(&self, simd: S, pixels: [W<S>; 2], lens: &SurfelLens) -> Sample<S> {
         let offsets = self.offsets(simd, pixels);
-        let (exponent, depth, den) = if self.is_exact {
-            let plane = (self.depth, self.depth_slope, self.sigma_z);
-            let Exact { exponent, depth, den } = Exact::new(simd, &offsets, plane);
-            (exponent, depth, Some(den))
+        let (exponent, depth, per_den) = if self.is_exact {
+            let Exact { exponent, depth, per_den, .. } = Exact::new(simd, &offsets, &self.plane);
+            (exponent, depth, Some(per_den))
         } else {
-            (offsets.exponent, offsets.linear(simd, self.depth, self.depth_slope), None)
+            (offsets.exponent, offsets.linear(simd, self.plane.depth, self.plane.slope), None)
         };
         let (end, near) = (W::simd_from(simd, lens.end()), W::simd_from(simd, lens.near));
-        Sample { inside: exponent.simd_ge(end) & depth.simd_gt(near), depth, exponent, den }
+        Sample { inside: exponent.simd_ge(end) & depth.simd_gt(near), depth, exponent, per_den }
     }
 
     /// z less 3σ_z. Spans begin there or nearer.
     #[inline(always)]
-    pub(crate) fn begins<S: Simd>(&self, simd: S, sample: &Sample<S>) -> W<S> {
+    fn begins<S: Simd>(&self, simd: S, sample: &Sample<S>) -> W<S> {
         let reach = W::simd_from(simd, -3.0 * self.sigma_z);
-        match sample.den {
-            Some(den) => inverse_root(simd, den).mul_add(reach, sample.depth),
+        match sample.per_den {
+            Some(per_den) => per_den.sqrt().mul_add(reach, sample.depth),
             None => sample.depth + reach,
         }
     }
@@ -220,12 +221,12 @@ impl Surfel {
         pixels: [W<S>; 2],
         lens: &SurfelLens,
     ) -> Spans<S> {
-        let depth = W::simd_from(simd, self.depth);
+        let depth = W::simd_from(simd, self.plane.depth);
         let zeta = lens.zeta(simd, depth);
         let limit = zeta.abs() * lens.farthest_offset;
         let zero = W::simd_from(simd, 0.0);
         // n·v at the pixel less that at the mean, over that at the pixel; over that at the mean where rays are parallel.
-        let change = if sample.den.is_some() {
+        let change = if sample.per_den.is_some() {
             let facing = self.exact_facing(simd, pixels);
             (facing - self.facing) * reciprocal(simd, facing)
         } else {
@@ -248,8 +249,8 @@ impl Surfel {
         pixels: [W<S>; 2],
         lens: &SurfelLens,
     ) -> W<S> {
-        let peak = match sample.den {
-            Some(den) => self.exact_facing(simd, pixels).abs() * inverse_root(simd, den),
+        let peak = match sample.per_den {
+            Some(per_den) => self.exact_facing(simd, pixels).abs() * per_den.sqrt(),
             None => W::simd_from(simd, self.facing.abs()),
         };
         exp2_from(simd, sample.exponent, lens.end()) * peak
@@ -260,6 +261,9 @@ impl Surfels {
     pub(crate) const NONE: Self = Self {
         outlines: Outlines::NONE,
         tilt: [[0.0; BATCH]; 2],
+        per_depth: [1.0; BATCH],
+        least_depth: [1.0; BATCH],
+        nearest: [f32::NEG_INFINITY; BATCH / 16],
         each: [Surfel::NONE; BATCH],
         masks: BlockMasks::NONE,
     };
@@ -289,8 +293,31 @@ impl Surfels {
             self.each[number] = surfel;
         }
         self.outlines.prepare(simd, tile);
+        for first in self.outlines.sixteens() {
+            let one = W::simd_from(simd, 1.0);
+            let depth = sixteen(simd, &self.outlines.depth, first);
+            let per_depth = one / depth;
+            // z is d/t but for den, which is at most t²/(1 − (σ₀/d)²ρ) inside the cut-off.
+            let spread = sixteen(simd, &self.outlines.sigma_z, first) * per_depth;
+            let share = (one - spread * spread * lens.cutoff).max(W::simd_from(simd, 0.0));
+            per_depth.store_slice(&mut self.per_depth[first..first + 16]);
+            (depth * share).store_slice(&mut self.least_depth[first..first + 16]);
+        }
         let rect = |number: usize| &surfaces.rects[self.each[number].index as usize];
         self.masks = self.outlines.blocks(simd, tile, u64::MAX, rect);
+        let half = (tile.side - 1) as f32 / 2.0;
+        let (mut nearest, mut seen_from, mut farthest) = ([0.0; BATCH], [0.0; BATCH], [0.0; BATCH]);
+        let count = self.outlines.count();
+        self.bounds(simd, ([half; 2], half), u64::MAX, (lens, [&mut nearest, &mut seen_from, &mut farthest]));
+        for (least, nearest) in self.nearest.iter_mut().zip(nearest[..count].chunks(16)) {
+            *least = nearest.iter().fold(f32::INFINITY, |least, nearest| least.min(*nearest));
+        }
+    }
+
+    /// Those of a set in the exact form, and the others.
+    #[inline(always)]
+    pub(crate) fn by_form(&self, set: u64) -> [u64; 2] {
+        [set & self.outlines.exact, set & !self.outlines.exact]
     }
 
     #[inline(always)]
@@ -298,44 +325,52 @@ impl Surfels {
         &self.each[number % BATCH]
     }
 
-    /// For each record of a set, at least, between which depths the spans of samples begin in the block with a corner, less
-    /// 3σ_z, and how deep samples are at least.
+    /// Those of a set that are in sixteens whose spans may begin before a depth; says how near the others come.
+    #[inline(always)]
+    pub(crate) fn begin_before(&self, mut set: u64, depth: f32, nearest_of_others: &mut f32) -> u64 {
+        for (sixteen, nearest) in self.nearest.iter().enumerate() {
+            let own = 0xffff << (16 * sixteen);
+            if *nearest > depth && set & own != 0 {
+                *nearest_of_others = nearest_of_others.min(*nearest);
+                set &= !own;
+            }
+        }
+        set
+    }
+
+    /// For each record of a set, at least, between which depths the spans of samples begin in the square of pixels around a middle,
+    /// less 3σ_z, and how deep samples are at least.
     #[inline(always)]
     pub(crate) fn bounds<S: Simd>(
         &self,
         simd: S,
-        (corner, set): ([f32; 2], u64),
-        lens: &SurfelLens,
-        [nearest, seen_from, farthest]: [&mut Column; 3],
+        (middle, half): ([f32; 2], f32),
+        set: u64,
+        (lens, [nearest, seen_from, farthest]): (&SurfelLens, [&mut Column; 3]),
     ) {
         let infinity = W::simd_from(simd, f32::INFINITY);
         let one = W::simd_from(simd, 1.0);
         for first in (0..BATCH).step_by(16).filter(|first| set >> first & 0xffff != 0) {
             let [x, y] = sixteen_of(simd, &self.outlines.mean, first);
-            let middle = [
-                W::simd_from(simd, corner[0] + HALF_BLOCK) - x,
-                W::simd_from(simd, corner[1] + HALF_BLOCK) - y,
-            ];
+            let middle = [W::simd_from(simd, middle[0]) - x, W::simd_from(simd, middle[1]) - y];
             let (depth, sigma_z) =
                 (sixteen(simd, &self.outlines.depth, first), sixteen(simd, &self.outlines.sigma_z, first));
-            let rise = range(sixteen_of(simd, &self.outlines.depth_slope, first), middle);
+            let rise = range(sixteen_of(simd, &self.outlines.depth_slope, first), middle, half);
             let mut seen = [depth + rise[0], depth + rise[1]];
             let mut reach = sigma_z * 3.0;
             let exact = mask32x16::from_bitmask(simd, self.outlines.exact >> first);
             if exact.any_true() {
-                // z is d/t but for den, which is at most t²/(1 − (σ₀/d)²ρ) inside the cut-off.
-                let per_depth = one / depth;
-                let spread = sigma_z * per_depth;
-                let share = (one - spread * spread * lens.cutoff).max(W::simd_from(simd, 0.0));
+                let per_depth = sixteen(simd, &self.per_depth, first);
+                let least_depth = sixteen(simd, &self.least_depth, first);
                 let inverse_t = inverse(simd, [one - rise[1] * per_depth, one - rise[0] * per_depth]);
                 let is_ahead = depth.simd_gt(W::simd_from(simd, 0.0)) & inverse_t[0].simd_gt(-infinity);
-                let low = is_ahead.select(depth * share * inverse_t[0], -infinity);
+                let low = is_ahead.select(least_depth * inverse_t[0], -infinity);
                 let high = is_ahead.select(depth * inverse_t[1], infinity);
                 seen = [exact.select(low, seen[0]), exact.select(high, seen[1])];
                 reach = exact.select(reach * inverse_t[1], reach);
             }
             // Where the plane is.
-            let tilt = range(sixteen_of(simd, &self.tilt, first), middle);
+            let tilt = range(sixteen_of(simd, &self.tilt, first), middle, half);
             let plane = if lens.is_perspective {
                 depth * inverse(simd, [one + tilt[0], one + tilt[1]])[0]
             } else {
@@ -354,18 +389,21 @@ impl Surfels {
     }
 }
 
-/// The range over a block of what changes with a slope a pixel, `middle` pixels from where it is 0.
+/// The range over a square of what changes with a slope a pixel, `middle` pixels from where it is 0.
 #[inline(always)]
-fn range<S: Simd>(slope: [W<S>; 2], middle: [W<S>; 2]) -> [W<S>; 2] {
+fn range<S: Simd>(slope: [W<S>; 2], middle: [W<S>; 2], half: f32) -> [W<S>; 2] {
     let middle = slope[0].mul_add(middle[0], slope[1] * middle[1]);
-    let half = (slope[0].abs() + slope[1].abs()) * HALF_BLOCK;
+    let half = (slope[0].abs() + slope[1].abs()) * half;
     [middle - half, middle + half]
 }
 
 /// 1/x of a range; without bounds where it comes near zero.
 #[inline(always)]
 fn inverse<S: Simd>(simd: S, [low, high]: [W<S>; 2]) -> [W<S>; 2] {
-    let (one, infinity) = (W::simd_from(simd, 1.0), W::simd_from(simd, f32::INFINITY));
+    let infinity = W::simd_from(simd, f32::INFINITY);
     let is_positive = low.simd_gt(W::simd_from(simd, 0.05));
-    [is_positive.select(one / high, -infinity), is_positive.select(one / low, infinity)]
+    [
+        is_positive.select(reciprocal(simd, high), -infinity),
+        is_positive.select(reciprocal(simd, low), infinity),
+    ]
 }

@@ -1,6 +1,6 @@
 //! Cells to surfels: normals and half-axes.
 
-use glam::{DMat3, Vec3};
+use glam::{DMat3, Mat3, Vec3};
 
 use super::columns::Columns;
 use super::descent::{onto_near_surface, onto_surface};
@@ -45,6 +45,14 @@ impl IsoSurfel {
         let [u, v] = self.half_axes;
         // Squares of short half-axes would vanish.
         (u / u.length()).cross(v / v.length())
+    }
+
+    /// The factor of its covariance, of a thickness that makes its radius so many times as long.
+    pub(super) fn factor(&self, flattening: f32) -> Mat3 {
+        let [u, v] = self.half_axes;
+        let is_flat = flattening == f32::INFINITY;
+        let w = if is_flat { Vec3::ZERO } else { self.normal() * (v.length() / flattening) };
+        Mat3::from_cols(u, v, w)
     }
 }
 

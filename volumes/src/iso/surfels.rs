@@ -1,10 +1,13 @@
 //! Surfels as they are found, and as a cloud.
 
+use std::iter::repeat;
+use std::ops::Range;
+
 use bytemuck::allocation::cast_vec;
-use glam::{DAffine3, Mat3};
+use glam::DAffine3;
 use rayon::prelude::*;
 
-use oblate_engine::{Cloud, Shapes, Splats, Strength, Surface};
+use oblate_engine::{Cloud, Shapes, Splats, Strength, Surface, Surfel, SurfelLook};
 
 use super::surfel::{IsoSurfel, NUMBERS};
 use super::{COVERAGE_FLOOR, IsoError, IsoSettings};
@@ -40,8 +43,15 @@ impl Block {
 
     #[inline]
     fn iter(&self) -> impl Iterator<Item = IsoSurfel> + '_ {
+        self.since(0)
+    }
+
+    /// All from one on.
+    #[inline]
+    fn since(&self, first: usize) -> impl Iterator<Item = IsoSurfel> + '_ {
         let n = self.len();
-        (0..n).map(move |i| IsoSurfel::new(std::array::from_fn(|number| self.numbers[number * n + i])))
+        let rows: [&[f32]; NUMBERS] = std::array::from_fn(|number| &self.numbers[number * n..][..n]);
+        (first..n).map(move |i| IsoSurfel::new(std::array::from_fn(|number| rows[number][i])))
     }
 }
 
@@ -93,16 +103,13 @@ impl IsoSurfels {
         let len = blocks.iter().map(Block::len).sum();
         let mut arrays = Arrays::new(len);
         arrays.fill(blocks, settings.flattening, settings.color);
-        let steps = self.frame.direction * glam::DMat3::from_diagonal(self.frame.spacing);
-        let columns = [steps.x_axis, steps.y_axis, steps.z_axis];
-        let longest_step = columns.into_iter().fold(0.0, |longest: f64, step| longest.max(step.length()));
         Splats {
             centers: cast_vec(arrays.centers),
             shapes: Shapes::Each(cast_vec(arrays.factors)),
             strength: Strength::Surface(Surface {
                 areas: arrays.areas,
                 opacities: (settings.opacity < 1.0).then(|| vec![settings.opacity; len]),
-                depth_tolerance: (SURFEL_RADIUS * longest_step) as f32,
+                depth_tolerance: self.depth_tolerance(),
                 coverage_floor: COVERAGE_FLOOR,
                 closed: self.is_closed(),
             }),
@@ -119,8 +126,45 @@ impl IsoSurfels {
     /// When a setting is outside its range, or there are 2³² surfels or more.
     pub fn cloud(&self, settings: &IsoSettings) -> Result<Cloud, IsoError> {
         settings.check()?;
-        let cloud = Cloud::new(self.splats(settings))?;
+        let look = SurfelLook {
+            color: settings.color,
+            opacity: settings.opacity,
+            depth_tolerance: self.depth_tolerance(),
+            coverage_floor: COVERAGE_FLOOR,
+            closed: self.is_closed(),
+            material: settings.material,
+        };
+        let ends: Vec<usize> = self
+            .blocks
+            .iter()
+            .scan(0, |end, block| {
+                *end += block.len();
+                Some(*end)
+            })
+            .collect();
+        let surfels = |numbers: Range<usize>| {
+            let first = ends.partition_point(|end| *end <= numbers.start);
+            let begin = first.checked_sub(1).map_or(0, |before| ends[before]);
+            // All but the first block are taken from their beginning.
+            let blocks =
+                self.blocks[first..].iter().zip(std::iter::once(numbers.start - begin).chain(repeat(0)));
+            let all = blocks.flat_map(|(block, from)| block.since(from));
+            all.map(|surfel| Surfel {
+                center: surfel.center,
+                factor: surfel.factor(settings.flattening),
+                area: surfel.area,
+            })
+        };
+        let cloud = Cloud::of_surfels(self.len(), &look, surfels)?;
         Ok(cloud.transformed(DAffine3::from_translation(self.frame.origin)))
+    }
+
+    /// About a surfel's radius.
+    fn depth_tolerance(&self) -> f32 {
+        let steps = self.frame.direction * glam::DMat3::from_diagonal(self.frame.spacing);
+        let columns = [steps.x_axis, steps.y_axis, steps.z_axis];
+        let longest_step = columns.into_iter().fold(0.0, |longest: f64, step| longest.max(step.length()));
+        (SURFEL_RADIUS * longest_step) as f32
     }
 }
 
@@ -168,13 +212,10 @@ impl Arrays {
             for ((surfel, (center, to_normal)), ((factor, area), to_color)) in
                 block.iter().zip(vectors).zip(numbers)
             {
-                let [u, v] = surfel.half_axes;
-                let normal = surfel.normal();
-                let w = normal * (v.length() / flattening);
                 center.copy_from_slice(&surfel.center.to_array());
-                factor.copy_from_slice(&Mat3::from_cols(u, v, w).to_cols_array());
+                factor.copy_from_slice(&surfel.factor(flattening).to_cols_array());
                 *area = surfel.area;
-                to_normal.copy_from_slice(&normal.to_array());
+                to_normal.copy_from_slice(&surfel.normal().to_array());
                 to_color.copy_from_slice(&color);
             }
         });

@@ -111,13 +111,13 @@ pub(crate) fn surface(cloud: &Cloud) -> Surface {
 /// Centre in the world, factor, normal, area of each surfel.
 pub(crate) fn surfels(cloud: &Cloud) -> Vec<(DVec3, DMat3, DVec3, f64)> {
     let splats = cloud.splats();
-    let normals = splats.normals.as_ref().unwrap();
     let areas = surface(cloud).areas;
     (0..cloud.len())
         .map(|i| {
             let center = cloud.cloud_to_world().transform_point3(splats.centers[i].as_dvec3());
             let factor = splats.shapes.factor(i).as_dmat3();
-            (center, factor, normals[i].as_dvec3(), f64::from(areas[i]))
+            let normal = factor.x_axis.cross(factor.y_axis).normalize();
+            (center, factor, normal, f64::from(areas[i]))
         })
         .collect()
 }

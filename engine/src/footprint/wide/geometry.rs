@@ -91,14 +91,11 @@ impl WideProjector<'_> {
                 #[inline(always)]
                 |axis| lanes(simd, axis),
             ),
-            Factors::Each(factors) => {
-                let factor = factors.block(block);
-                [0, 3, 6].each(
+            Factors::Each { flat, through } => {
+                let [a, b, c, d, e, f] = *flat.block(block);
+                [[a, b, c], [d, e, f], *through.block(block)].each(
                     #[inline(always)]
-                    |k| {
-                        let column = lanes(simd, [factor[k], factor[k + 1], factor[k + 2]]);
-                        Self::transform(simd, &self.to_camera, column)
-                    },
+                    |column| Self::transform(simd, &self.to_camera, lanes(simd, column)),
                 )
             }
         }

@@ -75,7 +75,7 @@ impl<'a> WideProjector<'a> {
             normal_to_camera: rows(scalar.normal_to_camera),
             shared_axes: match scalar.columns.factors {
                 Factors::Shared(factor) => rows((linear * factor.as_dmat3()).transpose()),
-                Factors::Each(_) => Rows::default(),
+                Factors::Each { .. } => Rows::default(),
             },
             handedness: linear.determinant().signum() as f32,
             strength_scale: strength_scale as f32,

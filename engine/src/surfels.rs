@@ -1,0 +1,294 @@
+//! Clouds of surfels that are made one after the other, without arrays in between.
+
+use crate::cloud::{Cloud, CloudError, Material, check_material, check_names, check_surface, wrong};
+use crate::columns::{BLOCKS_A_TASK, Column, Columns, Factors, Kind, LANES, Lanes, SurfaceKind};
+use glam::{Mat3, Vec3};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// A sample of a surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Surfel {
+    /// Its centre in cloud space.
+    pub center: Vec3,
+    /// The factor of its covariance, as in [`crate::Shapes`]; its normal is that of the first two half-axes.
+    pub factor: Mat3,
+    /// The surface area that it stands for, in squared world units; at least 0.
+    pub area: f32,
+}
+
+/// What the surfels of a cloud share; as in [`crate::Surface`] and [`crate::Splats`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfelLook {
+    /// Linear Rec. 709 colour.
+    pub color: [f32; 3],
+    /// Opacity of the surface in [0, 1].
+    pub opacity: f32,
+    /// World units.
+    pub depth_tolerance: f32,
+    /// In (0, 1].
+    pub coverage_floor: f32,
+    /// Whether backs are dropped.
+    pub closed: bool,
+    /// How the surface answers light.
+    pub material: Material,
+}
+
+/// Surfels that a thread makes at a time.
+const TOGETHER: usize = BLOCKS_A_TASK * LANES;
+
+impl Cloud {
+    /// The cloud of `count` surfels in one look, each of which is lit by the normal of its shape: equal to that of
+    /// [`Cloud::new`] of arrays without normals, in a fraction of the time. `surfels` gives those with the numbers of a range,
+    /// in order, and is asked by several threads at once, for each range once.
+    ///
+    /// # Errors
+    /// Those of [`Cloud::new`], and when a range has fewer surfels than numbers.
+    pub fn of_surfels<I: Iterator<Item = Surfel>>(
+        count: usize,
+        look: &SurfelLook,
+        surfels: impl Fn(Range<usize>) -> I + Sync,
+    ) -> Result<Self, CloudError> {
+        check_names(count)?;
+        look.check()?;
+        let blocks = count.div_ceil(LANES);
+        // They come as zeros, which systems give for nothing: each place is touched once, by the thread that fills it.
+        let mut rows = Rows {
+            centers: vec![[[0.0; LANES]; 3]; blocks],
+            flat: vec![[[0.0; LANES]; 6]; blocks],
+            through: vec![[[0.0; LANES]; 3]; blocks],
+            areas: vec![[[0.0; LANES]; 1]; blocks],
+        };
+        let fill = |(task, mut rows): (usize, RowsMut)| {
+            let numbers = task * TOGETHER..count.min((task + 1) * TOGETHER);
+            rows.fill(surfels(numbers.clone()).take(numbers.len()), numbers)
+        };
+        let filled: Vec<Result<bool, CloudError>> = rows.tasks().enumerate().map(fill).collect();
+        let are_flat = filled.into_iter().try_fold(true, |all, task| Ok(all & task?))?;
+        let Rows { centers, flat, through, areas } = rows;
+        let through = if are_flat { Column::alike(count, [0.0; 3]) } else { Column::of_blocks(through) };
+        let SurfelLook { color, opacity, depth_tolerance, coverage_floor, closed, material } = *look;
+        Ok(Self::of_columns(Columns {
+            len: count,
+            centers: Column::of_blocks(centers),
+            factors: Factors::Each { flat: Column::of_blocks(flat), through },
+            kind: Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, closed }),
+            strengths: Column::of_blocks(areas),
+            opacities: (opacity < 1.0).then(|| Column::alike(count, [opacity])),
+            colors: Column::alike(count, color),
+            harmonics: None,
+            normals: None,
+            material,
+        }))
+    }
+}
+
+impl SurfelLook {
+    fn check(&self) -> Result<(), CloudError> {
+        if !self.color.iter().all(|c| c.is_finite()) {
+            return Err(wrong(0, "colour", format!("{:?}", self.color), "it must be finite"));
+        }
+        if !(0.0..=1.0).contains(&self.opacity) {
+            return Err(wrong(0, "opacities", self.opacity.to_string(), "an opacity is from 0 to 1"));
+        }
+        check_material(self.material)?;
+        check_surface(self.depth_tolerance, self.coverage_floor)
+    }
+}
+
+impl Surfel {
+    /// Whether nothing is wrong, as quickly as can be told: 0 times what isn't finite isn't 0.
+    #[inline(always)]
+    fn is_right(&self) -> bool {
+        let Self { center, factor, area } = self;
+        let [x, y, z] = [factor.x_axis, factor.y_axis, factor.z_axis].map(|axis| axis * 0.0);
+        center * 0.0 + x + y + z == Vec3::ZERO && (0.0..=f32::MAX).contains(area)
+    }
+
+    /// Says what is wrong with the one that has this number.
+    fn check(&self, index: usize) -> Result<(), CloudError> {
+        let Self { center, factor, area } = self;
+        if !center.is_finite() {
+            return Err(wrong(index, "centre", format!("{center:?}"), "it must be finite"));
+        }
+        if !factor.is_finite() {
+            return Err(wrong(index, "shape", format!("{factor:?}"), "it must be finite"));
+        }
+        if !(0.0..=f32::MAX).contains(area) {
+            return Err(wrong(index, "areas", area.to_string(), "an area is finite and at least 0"));
+        }
+        Ok(())
+    }
+}
+
+/// The numbers of surfels, in blocks.
+struct Rows {
+    centers: Vec<[Lanes; 3]>,
+    flat: Vec<[Lanes; 6]>,
+    through: Vec<[Lanes; 3]>,
+    areas: Vec<[Lanes; 1]>,
+}
+
+/// Those of a task.
+struct RowsMut<'a> {
+    centers: &'a mut [[Lanes; 3]],
+    flat: &'a mut [[Lanes; 6]],
+    through: &'a mut [[Lanes; 3]],
+    areas: &'a mut [[Lanes; 1]],
+}
+
+impl Rows {
+    fn tasks(&mut self) -> impl IndexedParallelIterator<Item = RowsMut<'_>> {
+        let Self { centers, flat, through, areas } = self;
+        let shapes = flat.par_chunks_mut(BLOCKS_A_TASK).zip(through.par_chunks_mut(BLOCKS_A_TASK));
+        let places = centers.par_chunks_mut(BLOCKS_A_TASK).zip(areas.par_chunks_mut(BLOCKS_A_TASK));
+        places.zip(shapes).map(|((centers, areas), (flat, through))| RowsMut {
+            centers,
+            flat,
+            through,
+            areas,
+        })
+    }
+}
+
+impl RowsMut<'_> {
+    /// Puts surfels in their places; says whether all are flat.
+    fn fill(
+        &mut self,
+        surfels: impl Iterator<Item = Surfel>,
+        numbers: Range<usize>,
+    ) -> Result<bool, CloudError> {
+        let (mut found, mut are_flat, mut last) = (0, true, Surfel::default());
+        let mut first_wrong = Ok(());
+        surfels.for_each(|surfel| {
+            if !surfel.is_right() && first_wrong.is_ok() {
+                first_wrong = surfel.check(numbers.start + found);
+            }
+            are_flat &= self.put(found, &surfel);
+            found += 1;
+            last = surfel;
+        });
+        first_wrong?;
+        if found < numbers.len() {
+            let (found, expected) = (numbers.start + found, numbers.end);
+            return Err(CloudError::Length { array: "surfels", found, expected });
+        }
+        // The last block is filled up with its last splat.
+        (found..found.next_multiple_of(LANES)).for_each(|place| {
+            self.put(place, &last);
+        });
+        Ok(are_flat)
+    }
+
+    /// Says whether it is flat.
+    #[inline(always)]
+    fn put(&mut self, place: usize, surfel: &Surfel) -> bool {
+        let (block, lane) = (place / LANES, place % LANES);
+        let Surfel { center, factor, area } = surfel;
+        let [a, b, c, d, e, f, through @ ..] = factor.to_cols_array();
+        set(&mut self.centers[block], lane, center.to_array());
+        set(&mut self.areas[block], lane, [*area]);
+        set(&mut self.flat[block], lane, [a, b, c, d, e, f]);
+        let is_flat = through == [0.0; 3];
+        if !is_flat {
+            set(&mut self.through[block], lane, through);
+        }
+        is_flat
+    }
+}
+
+#[inline(always)]
+fn set<const N: usize>(rows: &mut [Lanes; N], lane: usize, numbers: [f32; N]) {
+    for (row, number) in rows.iter_mut().zip(numbers) {
+        row[lane % LANES] = number;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cloud::{Shapes, Splats, Strength, Surface};
+
+    const LOOK: SurfelLook = SurfelLook {
+        color: [0.5, 0.25, 1.0],
+        opacity: 0.75,
+        depth_tolerance: 0.5,
+        coverage_floor: 0.9,
+        closed: true,
+        material: Material::UNLIT,
+    };
+
+    /// Different ones, flat or not.
+    fn surfel(index: usize, thickness: f32) -> Surfel {
+        let x = index as f32;
+        let factor = Mat3::from_cols(Vec3::X * (1.0 + x), Vec3::Y * 2.0, Vec3::Z * thickness);
+        Surfel { center: Vec3::new(x, -x, 1.0), factor, area: 0.5 * x }
+    }
+
+    fn arrays(count: usize, thickness: f32) -> Splats {
+        let all = || (0..count).map(|i| surfel(i, thickness));
+        Splats {
+            centers: all().map(|surfel| surfel.center).collect(),
+            shapes: Shapes::Each(all().map(|surfel| surfel.factor).collect()),
+            strength: Strength::Surface(Surface {
+                areas: all().map(|surfel| surfel.area).collect(),
+                opacities: Some(vec![LOOK.opacity; count]),
+                depth_tolerance: LOOK.depth_tolerance,
+                coverage_floor: LOOK.coverage_floor,
+                closed: LOOK.closed,
+            }),
+            colors: vec![LOOK.color; count],
+            harmonics: None,
+            normals: None,
+            material: LOOK.material,
+        }
+    }
+
+    #[test]
+    fn a_cloud_of_surfels_is_that_of_their_arrays() {
+        for count in [0, 1, 7, 8, 9, 16, TOGETHER, 2 * TOGETHER + 3] {
+            for thickness in [0.0, 0.25] {
+                let made =
+                    Cloud::of_surfels(count, &LOOK, |range| range.map(|i| surfel(i, thickness))).unwrap();
+                let arrays = arrays(count, thickness);
+                assert_eq!(made.splats(), arrays, "{count}");
+                assert_eq!(made, Cloud::new(arrays).unwrap(), "{count}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_first_surfel_that_is_wrong_is_refused() {
+        type Spoil = fn(&mut Surfel);
+        let count = 2 * TOGETHER + 3;
+        let made = |bad: Spoil, at: [usize; 2]| {
+            Cloud::of_surfels(count, &LOOK, move |range| {
+                range.map(move |i| {
+                    let mut surfel = surfel(i, 0.0);
+                    if at.contains(&i) {
+                        bad(&mut surfel);
+                    }
+                    surfel
+                })
+            })
+        };
+        let cases: [(Spoil, &str); 3] = [
+            (|surfel| surfel.center.y = f32::NAN, "centre"),
+            (|surfel| surfel.factor.y_axis.x = f32::INFINITY, "shape"),
+            (|surfel| surfel.area = -1.0, "areas"),
+        ];
+        for (bad, name) in cases {
+            let first = TOGETHER + 5;
+            match made(bad, [count - 1, first]) {
+                Err(CloudError::Value { index, what, .. }) => assert_eq!((index, what), (first, name)),
+                other => panic!("{name}: {:?}", other.err()),
+            }
+        }
+        let short = Cloud::of_surfels(count, &LOOK, |range| range.skip(1).map(|i| surfel(i, 0.0)));
+        assert!(matches!(short, Err(CloudError::Length { array: "surfels", .. })));
+        let dark = SurfelLook { color: [f32::NAN; 3], ..LOOK };
+        assert!(Cloud::of_surfels(1, &dark, |range| range.map(|i| surfel(i, 0.0))).is_err());
+        let ghost = SurfelLook { opacity: f32::NAN, ..LOOK };
+        assert!(Cloud::of_surfels(1, &ghost, |range| range.map(|i| surfel(i, 0.0))).is_err());
+    }
+}
