@@ -2,13 +2,15 @@
 //!
 //! A [`Volume`] becomes splats in two ways, and both can be drawn together: [`to_kernels`] turns each sample
 //! that a [`TransferFunction`] makes visible into an extinction kernel, and a [`Classifier`] does so again each
-//! time the function changes; [`iso_surfels`] samples the surface at a value. [`PRESETS`] and [`propose_iso`]
+//! time the function changes; [`iso_surfels`] samples the surface at a value. An [`IrregularVolume`], whose samples lie on no regular grid, does
+//! the same by its [`Partition`] and [`IrregularVolume::iso_surfels`]. [`PRESETS`] and [`propose_iso`]
 //! look at the volume's [`Histogram`] when the user says nothing.
 
 mod brick;
 mod classify;
 mod field;
 pub mod histogram;
+pub mod irregular;
 pub mod iso;
 pub mod kernels;
 pub mod phantom;
@@ -18,6 +20,7 @@ mod transfer_text;
 pub mod volume;
 
 pub use histogram::{Classes, Histogram, propose_iso};
+pub use irregular::{Arrangement, IrregularError, IrregularVolume, Partition, Residual};
 pub use iso::{
     COVERAGE_FLOOR, Grid, Interpolation, IsoError, IsoExtractor, IsoSettings, IsoSurfel, IsoSurfels,
     SURFEL_BLUR, iso_surfels, stream_iso_surfels,

@@ -1,7 +1,7 @@
 //! Surfels as they are found, and as a cloud.
 
 use bytemuck::allocation::cast_vec;
-use glam::{DAffine3, Mat3};
+use glam::{DAffine3, DVec3, Mat3};
 use rayon::prelude::*;
 
 use oblate_engine::{Cloud, Shapes, Splats, Strength, Surface};
@@ -13,6 +13,9 @@ use crate::volume::GridFrame;
 /// About the largest standard deviation of a surfel, in steps: no polygon in a cell has much more than 1/6 as
 /// its variance along an axis.
 const SURFEL_RADIUS: f64 = 0.8;
+
+/// The standard deviation of a surfel along its longer half-axis, in steps, on average.
+const MEAN_RADIUS: f64 = 0.7;
 
 /// The surfels of a surface: 40 bytes each, block of cells by block, in Morton order of bricks of 8×8×8 cells.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -30,6 +33,12 @@ pub(super) struct Block {
 }
 
 impl Block {
+    fn mapped(&self, to: &impl Fn(IsoSurfel) -> Option<IsoSurfel>) -> Self {
+        let surfels: Vec<[f32; NUMBERS]> = self.iter().filter_map(to).map(IsoSurfel::numbers).collect();
+        let number = |number: usize| surfels.iter().map(move |numbers| numbers[number]);
+        Self { numbers: (0..NUMBERS).flat_map(number).collect() }
+    }
+
     fn len(&self) -> usize {
         self.numbers.len() / NUMBERS
     }
@@ -76,6 +85,23 @@ impl IsoSurfels {
     /// Where the grid lies; surfels are relative to its sample (0, 0, 0).
     pub fn frame(&self) -> GridFrame {
         self.frame
+    }
+
+    /// The same surface elsewhere: each surfel as `to` makes it, relative to the frame's origin; what it makes nothing of is left out. The
+    /// frame's spacing becomes that of surfels as long as these are, on average by area.
+    pub(crate) fn mapped(
+        self,
+        frame: GridFrame,
+        to: impl Fn(IsoSurfel) -> Option<IsoSurfel> + Sync,
+    ) -> Self {
+        let blocks: Vec<Block> = self.blocks.into_par_iter().map(|block| block.mapped(&to)).collect();
+        let of_block = |[areas, lengths]: [f64; 2], surfel: IsoSurfel| {
+            let area = f64::from(surfel.area);
+            [areas + area, lengths + area * f64::from(surfel.half_axes[0].length())]
+        };
+        let [areas, lengths] = blocks.iter().flat_map(Block::iter).fold([0.0; 2], of_block);
+        let spacing = if areas > 0.0 { lengths / areas / MEAN_RADIUS } else { 1.0 };
+        Self { blocks, open: self.open, frame: GridFrame { spacing: DVec3::splat(spacing), ..frame } }
     }
 
     /// As splats, relative to the grid's sample (0, 0, 0).
