@@ -5,6 +5,7 @@ use crate::description::{CameraOptions, Look};
 use crate::detail::levels_pay;
 use crate::draw::Drawing;
 use crate::framing::{View, outline};
+use crate::irregular::irregular_clouds;
 use crate::progress::Console;
 use crate::transfer;
 use anyhow::{Context, Result, ensure};
@@ -60,7 +61,8 @@ pub(crate) fn assemble(
         "the scene has {places} instances; at most {MOST_CLOUDS} clouds can be drawn"
     );
     // A volume's axes are named in its file; what is up in others is custom.
-    let first = items.iter().find(|item| matches!(item.body, Body::Volume(_))).or(items.first());
+    let first =
+        items.iter().find(|item| matches!(item.body, Body::Volume(_) | Body::Irregular(_))).or(items.first());
     let up = first.map_or(DVec3::Y, |item| item.up);
     let (mut standing, mut meshes) = (Vec::new(), Vec::new());
     for Item { name, body, places, look, .. } in items {
@@ -78,12 +80,14 @@ pub(crate) fn assemble(
                 let _task = console.task(format!("splats of {name}"));
                 let volume = placed_volume(volume, places[0])?;
                 let shown = volume_clouds(&volume, &look).with_context(|| name.clone())?;
-                if shown.iter().all(Cloud::is_empty) {
-                    let range = volume
-                        .value_range()
-                        .map_or("no finite value".into(), |[a, b]| format!("values {a} to {b}"));
-                    console.say(format_args!("{name}: nothing in it is visible ({range})"));
-                }
+                say_if_empty(&name, &shown, &volume, console);
+                standing.extend(shown.into_iter().map(stand));
+            }
+            Body::Irregular(volume) => {
+                let _task = console.task(format!("splats of {name}"));
+                let volume = volume.placed(places[0]).with_context(|| name.clone())?;
+                let shown = irregular_clouds(&volume, &look).with_context(|| name.clone())?;
+                say_if_empty(&name, &shown, volume.samples(), console);
                 standing.extend(shown.into_iter().map(stand));
             }
         }
@@ -117,6 +121,15 @@ pub(crate) fn assemble(
         origins.extend((0..moves.len()).map(|place| (name.clone(), place)));
     }
     Ok(Assembled { scene: Scene { clouds, lights }, camera, view, origins })
+}
+
+/// Says that nothing of a volume is visible, if that is so.
+fn say_if_empty(name: &str, shown: &[Cloud], values: &Volume, console: Console) {
+    if shown.iter().all(Cloud::is_empty) {
+        let range =
+            values.value_range().map_or("no finite value".into(), |[a, b]| format!("values {a} to {b}"));
+        console.say(format_args!("{name}: nothing in it is visible ({range})"));
+    }
 }
 
 /// What takes a thing from one of its places to each of them; exactly nothing to that one.

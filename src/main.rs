@@ -10,6 +10,7 @@ mod detail;
 mod draw;
 mod framing;
 mod inputs;
+mod irregular;
 mod notation;
 mod output;
 mod picture;

@@ -4,6 +4,7 @@ use crate::assemble::{asked_surfels, point_cloud, volume_clouds};
 use crate::check::Wrong;
 use crate::content::open;
 use crate::description::{FileOptions, Look};
+use crate::irregular::irregular_clouds;
 use crate::notation::comma_list;
 use crate::output::Output;
 use crate::progress::Console;
@@ -109,6 +110,21 @@ fn is_trained(splats: &Splats) -> bool {
     matches!(splats.strength, Strength::Opacity { .. })
 }
 
+/// The one set of splats that is asked for of a volume.
+fn one_cloud(look: &Look, format: &str, clouds: impl FnOnce(&Look) -> Result<Vec<Cloud>>) -> Result<Cloud> {
+    ensure!(
+        look.iso.is_some() || look.transfer.is_some(),
+        "such a volume is written as {format}; as splats with --iso or --transfer"
+    );
+    let [cloud]: [Cloud; 1] = clouds(look)?.try_into().map_err(|clouds: Vec<Cloud>| {
+        anyhow!(
+            "{} sets of splats are asked for, one goes into a file: give one --iso or --transfer",
+            clouds.len()
+        )
+    })?;
+    Ok(cloud)
+}
+
 /// Splats of what is none yet.
 fn splats(content: Content, look: &Look, notes: &mut Vec<Note>) -> Result<Content> {
     let cloud = match content {
@@ -117,20 +133,9 @@ fn splats(content: Content, look: &Look, notes: &mut Vec<Note>) -> Result<Conten
             let look = if asked { look.clone() } else { Look { surfels: Some(SURFELS), ..look.clone() } };
             asked_surfels(&mesh, &look)?
         }
-        Content::Volume(volume) => {
-            ensure!(
-                look.iso.is_some() || look.transfer.is_some(),
-                "a volume is written as .nrrd or .vti; as splats with --iso or --transfer"
-            );
-            let clouds: [Cloud; 1] =
-                volume_clouds(&volume, look)?.try_into().map_err(|clouds: Vec<Cloud>| {
-                    anyhow!(
-                        "{} sets of splats are asked for, one goes into a file: give one --iso or --transfer",
-                        clouds.len()
-                    )
-                })?;
-            let [cloud] = clouds;
-            cloud
+        Content::Volume(volume) => one_cloud(look, ".nrrd or .vti", |look| volume_clouds(&volume, look))?,
+        Content::Irregular(volume) => {
+            one_cloud(look, "no format of volumes", |look| irregular_clouds(&volume, look))?
         }
         Content::Points(points) => point_cloud(&points, look)?,
         splats => return Ok(splats),

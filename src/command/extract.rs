@@ -15,7 +15,8 @@ use oblate::engine::Blend;
 use oblate::importers::export::SurfelWriter;
 use oblate::importers::{Content, RawSlices, Watch};
 use oblate::volumes::{
-    Grid, Interpolation, IsoExtractor, IsoSettings, IsoSurfels, Volume, stream_iso_surfels,
+    Grid, GridFrame, Interpolation, IrregularVolume, IsoExtractor, IsoSettings, IsoSurfels, Volume,
+    stream_iso_surfels,
 };
 use serde::Serialize;
 use std::path::PathBuf;
@@ -117,27 +118,43 @@ pub(crate) fn run(args: ExtractArgs) -> Result<()> {
 /// The volume in memory.
 fn whole(args: &ExtractArgs, settings: &IsoSettings, output: Output) -> Result<ExtractStats> {
     let console = Console { quiet: args.quiet };
-    let (volume, load_time) = timed(|| load(args, console))?;
-    let extractor = IsoExtractor::new(&volume);
+    let (field, load_time) = timed(|| load(args, console))?;
+    let (volume, irregular) = match &field {
+        Field::Regular(volume) => (volume, None),
+        Field::Irregular(irregular) => (irregular.samples(), Some(irregular)),
+    };
+    let find = |extractor: &IsoExtractor<&Volume>, value, surfels: &mut IsoSurfels| {
+        extractor.extract_into(value, settings.interpolation, surfels)?;
+        if let Some(irregular) = irregular {
+            *surfels = irregular.in_world(std::mem::take(surfels));
+        }
+        Ok(())
+    };
+    let extractor = IsoExtractor::new(volume);
     let measured = args.stats.is_some() || args.repeat.is_some();
     let repeats = if measured { 1 + args.repeat.unwrap_or(1) } else { 1 };
     let again = args.again.unwrap_or(args.iso);
     let (mut surfels, mut others) = (IsoSurfels::default(), IsoSurfels::default());
     let [mut extractions, mut hierarchies, mut second] = [const { Vec::new() }; 3];
     for _ in 0..repeats {
-        let (made, hierarchy_time) = timed(|| Ok(IsoExtractor::new(&volume)))?;
-        let ((), found_in) =
-            timed(|| Ok(made.extract_into(args.iso, settings.interpolation, &mut surfels)?))?;
+        let (made, hierarchy_time) = timed(|| Ok(IsoExtractor::new(volume)))?;
+        let ((), found_in) = timed(|| find(&made, args.iso, &mut surfels))?;
         hierarchies.push(milliseconds(hierarchy_time));
         extractions.push(milliseconds(hierarchy_time + found_in));
         if measured {
-            let ((), time) =
-                timed(|| Ok(extractor.extract_into(again, settings.interpolation, &mut others)?))?;
+            let ((), time) = timed(|| find(&extractor, again, &mut others))?;
             second.push(milliseconds(time));
         }
     }
     let first = usize::from(measured);
-    let place = place_of(Grid { dims: volume.dims(), frame: volume.frame() }, console);
+    let reach = match irregular {
+        None => reach(Grid { dims: volume.dims(), frame: volume.frame() }),
+        Some(irregular) => {
+            let [low, high] = irregular.bounds();
+            low.distance(high)
+        }
+    };
+    let place = place_of(surfels.frame(), reach, console);
     let ((), write_time) = timed(|| {
         output.finish(|file| {
             let mut writer = SurfelWriter::new(file, Blend::Linear);
@@ -170,7 +187,7 @@ fn stream(args: &ExtractArgs, settings: &IsoSettings, output: Output) -> Result<
     let told = std::sync::Arc::clone(&task);
     options.watch = Some(Watch::new(move |done, of| told.at(done, of)));
     let slices = RawSlices::open(&args.volume, &options)?;
-    let place = place_of(slices.grid(), console);
+    let place = place_of(slices.grid().frame, reach(slices.grid()), console);
     let (mut area, mut closed, mut count) = (0.0, true, 0);
     let begun = Instant::now();
     output.finish(|file| {
@@ -199,22 +216,33 @@ fn stream(args: &ExtractArgs, settings: &IsoSettings, output: Output) -> Result<
     })
 }
 
-fn load(args: &ExtractArgs, console: Console) -> Result<Volume> {
+/// What surfaces are found in.
+enum Field {
+    Regular(Volume),
+    Irregular(IrregularVolume),
+}
+
+fn load(args: &ExtractArgs, console: Console) -> Result<Field> {
     let (opened, uses) = open(&args.volume, &args.file, console)?;
     args.file.check_use(uses).map_err(Wrong::option)?;
     for note in &opened.notes {
         console.say(format_args!("{}: {note}", args.volume.display()));
     }
     match opened.content {
-        Content::Volume(volume) => Ok(volume),
+        Content::Volume(volume) => Ok(Field::Regular(volume)),
+        Content::Irregular(volume) => Ok(Field::Irregular(volume)),
         _ => Err(anyhow!("it is no volume")),
     }
 }
 
-/// Where surfels of a grid go: its sample (0, 0, 0) in the world, if single precision has room for them there.
-fn place_of(Grid { dims, frame }: Grid, console: Console) -> DVec3 {
-    let extent = (frame.spacing * DVec3::from(dims.map(|d| d as f64))).length();
-    let farthest = frame.origin.abs().max_element() + extent;
+/// How far a grid reaches from its sample (0, 0, 0).
+fn reach(Grid { dims, frame }: Grid) -> f64 {
+    (frame.spacing * DVec3::from(dims.map(|d| d as f64))).length()
+}
+
+/// Where surfels of a frame go: its origin in the world, if single precision has room for them as far from there as they reach.
+fn place_of(frame: GridFrame, reach: f64, console: Console) -> DVec3 {
+    let farthest = frame.origin.abs().max_element() + reach;
     // A surfel's σ is two thirds of a step; rounding may move it by a hundredth.
     if farthest * f64::from(f32::EPSILON) / 2.0 <= frame.spacing.max_element() / 150.0 {
         return frame.origin;

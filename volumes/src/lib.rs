@@ -22,8 +22,8 @@ pub mod volume;
 pub use histogram::{Classes, Histogram, propose_iso};
 pub use irregular::{Arrangement, IrregularError, IrregularVolume, Partition, Residual};
 pub use iso::{
-    COVERAGE_FLOOR, Grid, Interpolation, IsoError, IsoExtractor, IsoSettings, IsoSurfel, IsoSurfels,
-    SURFEL_BLUR, iso_surfels, stream_iso_surfels,
+    COVERAGE_FLOOR, Grid, IRREGULAR_COVERAGE_FLOOR, Interpolation, IsoError, IsoExtractor, IsoSettings,
+    IsoSurfel, IsoSurfels, SURFEL_BLUR, iso_surfels, stream_iso_surfels,
 };
 pub use kernels::{Classifier, KERNEL_SIGMA, KernelSettings, to_kernels};
 pub use phantom::{marschner_lobb, marschner_lobb_at, shepp_logan};

@@ -8,8 +8,9 @@ use common::*;
 use glam::{DAffine3, DMat3, DVec3};
 use oblate_engine::Cloud;
 use oblate_volumes::{
-    ColorSpace, ControlPoint, Interpolation, IrregularError, IrregularVolume, IsoSettings, IsoSurfels,
-    KERNEL_SIGMA, KernelSettings, PRESETS, Partition, StrengthKind, TransferFunction, to_kernels,
+    ColorSpace, ControlPoint, IRREGULAR_COVERAGE_FLOOR, Interpolation, IrregularError, IrregularVolume,
+    IsoSettings, IsoSurfels, KERNEL_SIGMA, KernelSettings, PRESETS, Partition, StrengthKind,
+    TransferFunction, to_kernels,
 };
 use proptest::prelude::*;
 use std::f64::consts::{PI, TAU};
@@ -53,7 +54,9 @@ fn kernels(volume: &IrregularVolume) -> Cloud {
 
 /// What kernels add up to at a point; with `shared` their own masses, without those of their steps alone.
 fn sum_at(cloud: &Cloud, point: DVec3, shared: bool) -> f64 {
-    let oblate_engine::Strength::Extinction { masses } = cloud.splats().strength else { panic!("no kernels") };
+    let oblate_engine::Strength::Extinction { masses } = cloud.splats().strength else {
+        panic!("no kernels")
+    };
     let one = |index: usize| {
         let factor = cloud.factor(index).as_dmat3();
         let away = point - cloud.cloud_to_world().transform_point3(cloud.center(index).as_dvec3());
@@ -85,7 +88,10 @@ fn planes_are_exact_on_bent_grids() {
                 // Differences of such values over the shortest steps: 5e-7/0.1, in a direction that the cell's aspect, 10, turns on.
                 assert!(surfel.normal().as_dvec3().distance(normal) < 1e-3, "{}", surfel.normal());
                 let [u, v] = surfel.half_axes;
-                assert!(u.dot(v).abs() < 1e-5 * u.length() * v.length() + 1e-6 && u.length() >= v.length() * 0.9999);
+                assert!(
+                    u.dot(v).abs() < 1e-5 * u.length() * v.length() + 1e-6
+                        && u.length() >= v.length() * 0.9999
+                );
             }
         }
     }
@@ -157,8 +163,8 @@ fn planes_are_covered() {
     let grown = |index: DVec3| DVec3::from([index.x, index.y, index.z].map(|i| 10.0 * 1.1_f64.powf(i)));
     for (name, map, least, most) in [
         ("even", &even as &dyn Fn(DVec3) -> DVec3, 0.98, 1.02),
-        ("×1.1", &grown, 0.95, 1.05),
-        ("jumps ×2", &jumps, 0.8, 1.25),
+        ("×1.1", &grown, 0.98, 1.02),
+        ("jumps ×2", &jumps, f64::from(IRREGULAR_COVERAGE_FLOOR), 1.4),
     ] {
         let (mut low, mut high) = (f64::INFINITY, 0.0_f64);
         for _ in 0..12 {
@@ -285,7 +291,7 @@ fn scattered_samples_have_kernels_and_gradients() {
     let partition = Partition::new(&volume);
     let residual = partition.residual();
     println!("scattered: {residual:.3?}");
-    assert!(residual.rms < 0.5 * residual.before.1 && residual.rms < 0.1, "{residual:?}");
+    assert!(residual.rms < 0.75 * residual.before.1, "{residual:?}");
     let cloud = partition.kernels(&one(), &KernelSettings::default()).unwrap();
     assert_eq!(cloud.len(), 12 * 12 * 12);
     for normal in cloud.splats().normals.unwrap() {
@@ -306,7 +312,8 @@ fn scattered_samples_have_kernels_and_gradients() {
 /// What is not there has no kernel, and cells that it is a corner of have no surface.
 #[test]
 fn holes_stay_holes() {
-    let volume = mapped([9; 3], bent, |p| if p.distance(bent(DVec3::splat(4.0))) < 0.3 { f64::NAN } else { p.x });
+    let volume =
+        mapped([9; 3], bent, |p| if p.distance(bent(DVec3::splat(4.0))) < 0.3 { f64::NAN } else { p.x });
     let missing = volume.samples().histogram(4).unwrap().ignored();
     assert!(missing > 0);
     assert_eq!(kernels(&volume).len() as u64 + missing, 9 * 9 * 9);
@@ -322,16 +329,16 @@ fn holes_stay_holes() {
 fn numbers_that_are_no_volume_are_refused() {
     let flat: Vec<DVec3> = (0..8).map(|i| DVec3::new(f64::from(i % 2), f64::from(i / 2), 0.0)).collect();
     let values = || vec![0.0; 8];
-    assert_eq!(
-        IrregularVolume::curvilinear([2; 3], flat.clone(), values()),
-        Err(IrregularError::Flat(8))
-    );
+    assert_eq!(IrregularVolume::curvilinear([2; 3], flat.clone(), values()), Err(IrregularError::Flat(8)));
     assert_eq!(IrregularVolume::scattered(flat.clone(), values()), Err(IrregularError::Flat(8)));
     let cells = IrregularVolume::curvilinear([4, 2, 1], flat.clone(), values());
     assert_eq!(cells, Err(IrregularError::Cells { dims: [4, 2, 1] }));
     let count = IrregularVolume::scattered(flat.clone(), vec![0.0; 7]);
     assert_eq!(count, Err(IrregularError::Count { points: 8, values: 7 }));
-    assert!(matches!(IrregularVolume::curvilinear([2, 2, 3], flat.clone(), values()), Err(IrregularError::Volume(_))));
+    assert!(matches!(
+        IrregularVolume::curvilinear([2, 2, 3], flat.clone(), values()),
+        Err(IrregularError::Volume(_))
+    ));
     let far = flat.iter().map(|p| *p * 1e200).collect();
     assert!(matches!(IrregularVolume::scattered(far, values()), Err(IrregularError::Extent(_))));
     assert_eq!(IrregularVolume::scattered(flat, vec![f32::NAN; 8]), Err(IrregularError::Flat(0)));

@@ -54,7 +54,9 @@ pub enum IrregularError {
         dims: [usize; 3],
     },
     /// No volume lies between the points.
-    #[error("the {0} points of finite value enclose no volume; they must not lie in a plane, all together or cell by cell")]
+    #[error(
+        "the {0} points of finite value enclose no volume; they must not lie in a plane, all together or cell by cell"
+    )]
     Flat(usize),
     /// Points so far apart or so close together that computing with them fails.
     #[error("the points reach {0} far; it must be from 1e-12 to 1e15")]
@@ -130,7 +132,8 @@ impl IrregularVolume {
         if count == 0 {
             return Err(IrregularError::Flat(0));
         }
-        let extent = (bounds[1] - bounds[0]).max_element().max(bounds[0].abs().max(bounds[1].abs()).max_element());
+        let extent =
+            (bounds[1] - bounds[0]).max_element().max(bounds[0].abs().max(bounds[1].abs()).max_element());
         // Cubes of it, and of its single-precision roundings, are ordinary numbers.
         if !(1e-12..=1e15).contains(&extent) {
             return Err(IrregularError::Extent(extent));

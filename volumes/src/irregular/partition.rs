@@ -98,8 +98,12 @@ impl Partition {
             let ramp = transfer.gradient().map_or(1.0, |ramp| ramp.factor(kernel.gradient.length()));
             transfer.extinction(kernel.value) * ramp * kernel.volume
         };
-        let shown: Vec<(&Kernel, f32)> =
-            self.kernels.par_iter().map(|kernel| (kernel, mass(kernel))).filter(|(_, mass)| *mass != 0.0).collect();
+        let shown: Vec<(&Kernel, f32)> = self
+            .kernels
+            .par_iter()
+            .map(|kernel| (kernel, mass(kernel)))
+            .filter(|(_, mass)| *mass != 0.0)
+            .collect();
         let splats = Splats {
             centers: shown.par_iter().map(|(kernel, _)| kernel.center).collect(),
             shapes: Shapes::Each(shown.par_iter().map(|(kernel, _)| kernel.factor).collect()),

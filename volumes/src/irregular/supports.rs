@@ -22,7 +22,8 @@ pub(super) struct Supports {
 impl Supports {
     /// Of boxes around centres, by half of their sides.
     pub(super) fn new(boxes: &[(Vec3, Vec3)]) -> Self {
-        let leaf = |(number, (center, _)): (usize, &(Vec3, Vec3))| Leaf { position: *center, number: number as u32 };
+        let leaf =
+            |(number, (center, _)): (usize, &(Vec3, Vec3))| Leaf { position: *center, number: number as u32 };
         let tree = Tree::new(boxes.iter().enumerate().map(leaf).collect());
         let order: Vec<u32> = tree.leaves.iter().map(|leaf| leaf.number).collect();
         let corners = |number: &u32| {

@@ -2,8 +2,8 @@
 
 use glam::{DMat3, DVec3};
 
+use super::IrregularVolume;
 use super::local::cofactors;
-use super::{Arrangement, IrregularVolume};
 use crate::iso::{Interpolation, IsoError, IsoExtractor, IsoSurfel, IsoSurfels};
 use crate::volume::GridFrame;
 
@@ -23,27 +23,28 @@ struct Place {
 }
 
 impl IrregularVolume {
-    /// Surfels of the surface at which the field is `iso`: see [`iso_surfels`](crate::iso_surfels). Scattered samples have none.
-    ///
-    /// They are found in index space, where cells are cubes, and taken to the world by the trilinear maps of their cells, x(ξ): a centre to x(ξ),
-    /// half-axes by the map's derivative, areas by its cofactors. Normals go by the inverse transpose of the interpolated differences of points,
-    /// so that those of linear fields are exact whatever the grid. They are relative to the origin of [`IsoSurfels::frame`], whose spacing is
-    /// that of the surface's cells, on average by area.
+    /// Surfels of the surface at which the field is `iso`: see [`iso_surfels`](crate::iso_surfels). Scattered samples, which have no cells, have none.
     ///
     /// # Errors
     /// When `iso` is not finite.
     pub fn iso_surfels(&self, iso: f32, interpolation: Interpolation) -> Result<IsoSurfels, IsoError> {
-        let origin = self.middle();
-        let frame = GridFrame { origin, ..GridFrame::default() };
-        if self.arrangement == Arrangement::Scattered {
-            return Ok(IsoSurfels::default().mapped(frame, |_| None));
-        }
-        let in_indices = IsoExtractor::new(&self.samples).extract(iso, interpolation)?;
-        Ok(in_indices.mapped(frame, |surfel| self.in_world(&surfel)))
+        Ok(self.in_world(IsoExtractor::new(&self.samples).extract(iso, interpolation)?))
+    }
+
+    /// The iso-surfels of [`Self::samples`] in the world, for one who has an [`IsoExtractor`] of those.
+    ///
+    /// They are those of index space, where cells are cubes, taken to the world by the trilinear maps of their cells, x(ξ): a centre to x(ξ),
+    /// half-axes by the map's derivative, areas by its cofactors. Normals go by the inverse transpose of the interpolated differences of points,
+    /// so that those of linear fields are exact whatever the grid. They are relative to the origin of [`IsoSurfels::frame`], whose spacing is
+    /// that of the surface's cells, on average by area.
+    #[must_use]
+    pub fn in_world(&self, of_samples: IsoSurfels) -> IsoSurfels {
+        let frame = GridFrame { origin: self.middle(), ..GridFrame::default() };
+        of_samples.mapped(frame, |surfel| self.moved(&surfel))
     }
 
     /// A surfel of index space in the world, relative to the middle; `None` where cells have collapsed.
-    fn in_world(&self, surfel: &IsoSurfel) -> Option<IsoSurfel> {
+    fn moved(&self, surfel: &IsoSurfel) -> Option<IsoSurfel> {
         let step = self.samples.frame().spacing.x;
         let place = self.place(surfel.center.as_dvec3() / step)?;
         let normal = surfel.normal().as_dvec3();
@@ -77,10 +78,15 @@ impl IrregularVolume {
     /// What the grid is like at `index`, in sample indices.
     fn place(&self, index: DVec3) -> Option<Place> {
         let dims = self.samples.dims();
-        let base: [usize; 3] = std::array::from_fn(|axis| (index[axis].max(0.0) as usize).min(dims[axis] - 2));
+        let base: [usize; 3] =
+            std::array::from_fn(|axis| (index[axis].max(0.0) as usize).min(dims[axis] - 2));
         let share = index - DVec3::from(base.map(|i| i as f64));
-        let mut place =
-            Place { point: DVec3::ZERO, steps: DMat3::ZERO, smooth_steps: DMat3::ZERO, gradient: DVec3::ZERO };
+        let mut place = Place {
+            point: DVec3::ZERO,
+            steps: DMat3::ZERO,
+            smooth_steps: DMat3::ZERO,
+            gradient: DVec3::ZERO,
+        };
         for corner in 0..CORNERS {
             let bits = [0, 1, 2].map(|axis| corner >> axis & 1);
             let at = [0, 1, 2].map(|axis| base[axis] + bits[axis]);

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use oblate_engine::{Cloud, Shapes, Splats, Strength, Surface};
 
 use super::surfel::{IsoSurfel, NUMBERS};
-use super::{COVERAGE_FLOOR, IsoError, IsoSettings};
+use super::{COVERAGE_FLOOR, IRREGULAR_COVERAGE_FLOOR, IsoError, IsoSettings};
 use crate::volume::GridFrame;
 
 /// About the largest standard deviation of a surfel, in steps: no polygon in a cell has much more than 1/6 as
@@ -23,6 +23,8 @@ pub struct IsoSurfels {
     pub(super) blocks: Vec<Block>,
     pub(super) open: bool,
     pub(super) frame: GridFrame,
+    /// Whether its cells were cubes of index space that lie elsewhere.
+    pub(super) irregular: bool,
 }
 
 /// The surfels of a block of cells.
@@ -89,11 +91,7 @@ impl IsoSurfels {
 
     /// The same surface elsewhere: each surfel as `to` makes it, relative to the frame's origin; what it makes nothing of is left out. The
     /// frame's spacing becomes that of surfels as long as these are, on average by area.
-    pub(crate) fn mapped(
-        self,
-        frame: GridFrame,
-        to: impl Fn(IsoSurfel) -> Option<IsoSurfel> + Sync,
-    ) -> Self {
+    pub(crate) fn mapped(self, frame: GridFrame, to: impl Fn(IsoSurfel) -> Option<IsoSurfel> + Sync) -> Self {
         let blocks: Vec<Block> = self.blocks.into_par_iter().map(|block| block.mapped(&to)).collect();
         let of_block = |[areas, lengths]: [f64; 2], surfel: IsoSurfel| {
             let area = f64::from(surfel.area);
@@ -101,7 +99,12 @@ impl IsoSurfels {
         };
         let [areas, lengths] = blocks.iter().flat_map(Block::iter).fold([0.0; 2], of_block);
         let spacing = if areas > 0.0 { lengths / areas / MEAN_RADIUS } else { 1.0 };
-        Self { blocks, open: self.open, frame: GridFrame { spacing: DVec3::splat(spacing), ..frame } }
+        Self {
+            blocks,
+            open: self.open,
+            irregular: true,
+            frame: GridFrame { spacing: DVec3::splat(spacing), ..frame },
+        }
     }
 
     /// As splats, relative to the grid's sample (0, 0, 0).
@@ -129,7 +132,7 @@ impl IsoSurfels {
                 areas: arrays.areas,
                 opacities: (settings.opacity < 1.0).then(|| vec![settings.opacity; len]),
                 depth_tolerance: (SURFEL_RADIUS * longest_step) as f32,
-                coverage_floor: COVERAGE_FLOOR,
+                coverage_floor: if self.irregular { IRREGULAR_COVERAGE_FLOOR } else { COVERAGE_FLOOR },
                 closed: self.is_closed(),
             }),
             colors: cast_vec(arrays.colors),

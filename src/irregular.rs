@@ -1,0 +1,27 @@
+//! Irregular volumes to clouds of splats.
+
+use crate::description::Look;
+use crate::transfer;
+use anyhow::Result;
+use oblate::engine::Cloud;
+use oblate::volumes::{IrregularVolume, IsoExtractor, IsoSettings, KernelSettings, Partition};
+
+/// Iso-surfaces, then the inside: what was asked for, or the inside where nothing was.
+pub(crate) fn irregular_clouds(volume: &IrregularVolume, look: &Look) -> Result<Vec<Cloud>> {
+    let mut clouds = Vec::new();
+    let mut settings = IsoSettings::default();
+    if let Some(color) = look.iso_color {
+        let [r, g, b, _] = color.0;
+        settings.color = [r, g, b];
+    }
+    let extractor = IsoExtractor::new(volume.samples());
+    for iso in look.iso.iter().flatten() {
+        let of_samples = extractor.extract(*iso, settings.interpolation)?;
+        clouds.push(volume.in_world(of_samples).cloud(&settings)?);
+    }
+    if look.transfer.is_some() || clouds.is_empty() {
+        let function = transfer::resolve(look.transfer.as_ref(), volume.samples())?;
+        clouds.push(Partition::new(volume).kernels(&function, &KernelSettings::default())?);
+    }
+    Ok(clouds)
+}
