@@ -2,12 +2,16 @@
 
 use crate::description::Look;
 use crate::transfer;
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use oblate::engine::Cloud;
-use oblate::volumes::{IrregularVolume, IsoExtractor, IsoSettings, KernelSettings, Partition};
+use oblate::volumes::{Arrangement, IrregularVolume, IsoExtractor, IsoSettings, KernelSettings, Partition};
 
 /// Iso-surfaces, then the inside: what was asked for, or the inside where nothing was.
 pub(crate) fn irregular_clouds(volume: &IrregularVolume, look: &Look) -> Result<Vec<Cloud>> {
+    ensure!(
+        look.iso.is_none() || volume.arrangement() == Arrangement::Curvilinear,
+        "scattered samples have no cells, and so no surfaces; --transfer draws them"
+    );
     let mut clouds = Vec::new();
     let mut settings = IsoSettings::default();
     if let Some(color) = look.iso_color {

@@ -15,8 +15,8 @@ use oblate::engine::Blend;
 use oblate::importers::export::SurfelWriter;
 use oblate::importers::{Content, RawSlices, Watch};
 use oblate::volumes::{
-    Grid, GridFrame, Interpolation, IrregularVolume, IsoExtractor, IsoSettings, IsoSurfels, Volume,
-    stream_iso_surfels,
+    Arrangement, Grid, GridFrame, Interpolation, IrregularVolume, IsoExtractor, IsoSettings, IsoSurfels,
+    Volume, stream_iso_surfels,
 };
 use serde::Serialize;
 use std::path::PathBuf;
@@ -230,6 +230,9 @@ fn load(args: &ExtractArgs, console: Console) -> Result<Field> {
     }
     match opened.content {
         Content::Volume(volume) => Ok(Field::Regular(volume)),
+        Content::Irregular(volume) if volume.arrangement() == Arrangement::Scattered => {
+            Err(anyhow!("scattered samples have no cells, and so no surfaces"))
+        }
         Content::Irregular(volume) => Ok(Field::Irregular(volume)),
         _ => Err(anyhow!("it is no volume")),
     }

@@ -95,6 +95,28 @@ fn surfaces_are_written_and_drawn_again() {
 }
 
 #[test]
+fn scattered_samples_have_no_surfaces() {
+    let place = Workplace::new();
+    let points: String = indices().map(point).map(|[x, y, z]| format!("{x} {y} {z}\n")).collect();
+    let values: String = indices().map(|[i, ..]| format!("{i} ")).collect();
+    let count = indices().count();
+    place.write(
+        "a.vtk",
+        format!(
+            "# vtk DataFile Version 3.0\n\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS {count} float\n{points}\
+             POINT_DATA {count}\nSCALARS a float\nLOOKUP_TABLE default\n{values}\n"
+        ),
+    );
+    assert!(seen(&place, &["a.vtk"]) > 400);
+    for args in [&["render", "a.vtk", "--iso", "3"][..], &["extract", "a.vtk", "--iso", "3", "-o", "a.ply"]] {
+        let message = place.refusal(args);
+        assert!(message.contains("no cells") && message.lines().count() == 1, "{message}");
+    }
+    let [json, _] = place.run(&["info", "a.vtk", "--json"]);
+    assert!(json.contains("\"scattered\"") && json.contains("\"dims\":null"), "{json}");
+}
+
+#[test]
 fn the_flow_can_be_named() {
     let place = Workplace::new();
     pipe(&place, "pipe.x", "elsewhere.dat");

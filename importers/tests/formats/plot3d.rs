@@ -134,7 +134,7 @@ fn what_fits_no_pair_is_refused() {
     // Points that are all at one place.
     let mut flat = points;
     flat[12..12 + 288].fill(0);
-    folder.refused("a.x", flat, &["no volume"]);
+    folder.refused("a.x", flat, &["the points reach 0 far"]);
 }
 
 #[test]

@@ -7,7 +7,7 @@ use oblate_engine::color::linear_to_srgb;
 use oblate_engine::{Blend, OpacityFilter, Splats, Strength};
 use oblate_importers::{Content, Endian, OpenOptions, RawLayout, SampleType, open};
 use oblate_surfels::{Mesh, Primitive};
-use oblate_volumes::{Volume, Voxels};
+use oblate_volumes::{Partition, Residual, Volume, Voxels};
 use std::io::Read;
 use std::path::PathBuf;
 
@@ -92,6 +92,12 @@ fn irregular_grids() {
         let volume = irregular(open(path, &OpenOptions::default()));
         assert_eq!(volume.samples().dims(), dims, "{name}");
         assert_eq!(volume.samples().value_range(), Some(range), "{name}");
+        let Residual { range, rms, before } = Partition::new(&volume).residual();
+        println!(
+            "{name}: kernels add up to {range:.3?}, rms {rms:.4}; before {:.3?}, rms {:.4}",
+            before.0, before.1
+        );
+        assert!(rms < 0.5 * before.1, "{name}");
     }
 }
 

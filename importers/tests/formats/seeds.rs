@@ -100,6 +100,8 @@ pub(crate) fn vtk() -> Vec<Seed> {
         alone("a.vtr", crate::vtk::rectilinear_xml()),
         alone("a.vtk", crate::vtk::structured_legacy("BINARY")),
         alone("a.vtk", crate::vtk::structured_legacy("ASCII")),
+        alone("a.vtk", crate::vtk::unstructured("3.0")),
+        alone("a.vtk", crate::vtk::unstructured("5.1")),
         alone("a.vts", crate::vtk::structured_xml()),
     ]
 }

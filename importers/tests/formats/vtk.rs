@@ -4,6 +4,7 @@ use crate::common::{
 };
 use glam::DVec3;
 use oblate_importers::OpenOptions;
+use oblate_volumes::Arrangement;
 
 const POINTS: &str =
     "DATASET STRUCTURED_POINTS\nDIMENSIONS 4 3 2\nORIGIN 1 2 3\nSPACING 0.5 1 -2\nPOINT_DATA 24\n";
@@ -224,6 +225,36 @@ fn structured_grids_keep_their_points() {
     assert_eq!((volume.points()[1], volume.samples().value([1, 0, 0])), (middle, 2.0));
 }
 
+/// Tetrahedra of which only the corners count, as versions before 5 and from there on write them.
+pub(crate) fn unstructured(version: &str) -> String {
+    let points: String = places(DIMS).iter().map(|p| format!("{} {} {}\n", p.x, p.y, p.z)).collect();
+    let cells = match version {
+        "5.1" => "CELLS 3 8\nOFFSETS vtktypeint64\n0 4 8\nCONNECTIVITY vtktypeint64\n0 1 4 12 1 2 5 13\n",
+        _ => "CELLS 2 10\n4 0 1 4 12\n4 1 2 5 13\n",
+    };
+    format!(
+        "# vtk DataFile Version {version}\n\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 24 float\n{points}{cells}\
+         CELL_TYPES 2\n10 10\nPOINT_DATA 24\n{SCALARS}{}\n",
+        as_text()
+    )
+}
+
+#[test]
+fn unstructured_grids_are_scattered_points() {
+    let folder = Folder::new();
+    for version in ["3.0", "5.1"] {
+        let volume = irregular(folder.open("a.vtk", unstructured(version)));
+        assert_eq!(volume.arrangement(), Arrangement::Scattered);
+        assert_eq!(volume.points(), places(DIMS));
+        assert_eq!(volume.samples().value([3, 0, 0]), 2.0);
+    }
+    folder.refused("a.vtk", unstructured("5.1").replace("CONNECT", "CONECT"), &["CONNECTIVITY is expected"]);
+    folder.refused("a.vtk", unstructured("3.0").replace("POINTS 24", "POINTS 23"), &["is no word"]);
+    let head = unstructured("3.0").split("POINT_DATA").next().unwrap().to_owned();
+    let of_cells = head + "CELL_DATA 2\nSCALARS a short\nLOOKUP_TABLE default\n1 2\n";
+    folder.refused("a.vtk", of_cells, &["cell data"]);
+}
+
 #[test]
 fn broken_structured_grids_are_refused() {
     let folder = Folder::new();
@@ -299,7 +330,7 @@ fn what_is_wrong_is_said() {
         assert!(text.contains(from), "{from}");
         folder.refused("a.vtk", text.replace(from, to), parts);
     };
-    for other in ["UNSTRUCTURED_GRID", "POLYDATA"] {
+    for other in ["POLYDATA", "FIELD"] {
         refuse("STRUCTURED_POINTS", other, &["line 4", &format!("DATASET {other};"), "RECTILINEAR_GRID"]);
     }
     refuse("ASCII", "EBCDIC", &["line 3", "EBCDIC", "ASCII or BINARY"]);

@@ -24,6 +24,8 @@ pub(crate) enum Places {
     Axes([Vec<f64>; 3]),
     /// Anywhere.
     Each(Vec<DVec3>),
+    /// Anywhere, and in no order: the only axis is their list.
+    Scattered(Vec<DVec3>),
 }
 
 /// The coordinates of the points along one axis.
@@ -88,6 +90,7 @@ impl PointGrid {
                 let points = if on_cells { centers(self.points, &points) } else { points };
                 IrregularVolume::curvilinear(layout.dims, points, values(&voxels))
             }
+            Places::Scattered(points) => IrregularVolume::scattered(points, values(&voxels)),
         };
         let volume = volume.map_err(|source| ImportError::Irregular { path: file.path.clone(), source })?;
         let note = "the spacing that was asked for; the file says where each sample lies";

@@ -2,7 +2,7 @@
 //!
 //! Source: *VTK File Formats* (docs.vtk.org), simple legacy formats, versions 1 to 5; where it is silent, VTK's reader
 //! (`vtkDataReader.cxx`): words in any case, binary numbers big-endian behind the end of their header's line, `long` of
-//! 64 bits, `vtkIdType` of 32. Datasets `STRUCTURED_POINTS`, `RECTILINEAR_GRID` and `STRUCTURED_GRID`. Of `SCALARS`
+//! 64 bits, `vtkIdType` of 32. Datasets `STRUCTURED_POINTS`, `RECTILINEAR_GRID`, `STRUCTURED_GRID`, and `UNSTRUCTURED_GRID` as scattered points. Of `SCALARS`
 //! and `FIELD` arrays the first of one component is taken, point data before cell data; vectors, normals,
 //! texture coordinates, tensors, ids, lookup tables and metadata are passed over.
 
@@ -21,6 +21,9 @@ pub(crate) const MAGIC: &[u8] = b"# vtk DataFile Version";
 
 /// Bytes of a word that are looked at: no keyword, type or number is longer, and messages quote words.
 const LONGEST: usize = 64;
+
+/// Datasets that are volumes.
+const KINDS: [&str; 4] = ["STRUCTURED_POINTS", "RECTILINEAR_GRID", "STRUCTURED_GRID", "UNSTRUCTURED_GRID"];
 
 /// A place in the file, from which words and numbers are taken.
 struct Reader<'a> {
@@ -147,10 +150,8 @@ impl<'a> Reader<'a> {
             return Err(self.malformed(format!("{word:?} stands where DATASET is expected")));
         }
         let kind = self.keyword().unwrap_or_default();
-        if !["STRUCTURED_POINTS", "RECTILINEAR_GRID", "STRUCTURED_GRID"].contains(&&kind[..]) {
-            let supported =
-                "STRUCTURED_POINTS, RECTILINEAR_GRID and STRUCTURED_GRID are supported as volumes";
-            let feature = format!("DATASET {kind}; {supported}");
+        if !KINDS.contains(&&kind[..]) {
+            let feature = format!("DATASET {kind}; {} are supported as volumes", KINDS.join(", "));
             return Err(self.unsupported(feature));
         }
         let mut points = None;
@@ -168,6 +169,11 @@ impl<'a> Reader<'a> {
                 "Y_COORDINATES" => axes[1] = Some(self.coordinates()?),
                 "Z_COORDINATES" => axes[2] = Some(self.coordinates()?),
                 "POINTS" => places = Some(self.points()?),
+                "CELLS" => self.cells()?,
+                "CELL_TYPES" => {
+                    let count = self.number("a number of cells")?;
+                    self.array(Scalar::I32, 1, count)?;
+                }
                 "FIELD" | "METADATA" => self.pass_over(&word, 0)?,
                 "POINT_DATA" | "CELL_DATA" => {
                     self.at = before;
@@ -177,6 +183,10 @@ impl<'a> Reader<'a> {
                     return Err(self.malformed(format!("{word:?} is no word of DATASET {kind}")));
                 }
             }
+        }
+        if kind == "UNSTRUCTURED_GRID" {
+            let Some(places) = places else { return Err(self.malformed("POINTS are missing")) };
+            return Ok(PointGrid { points: [places.len(), 1, 1], places: Places::Scattered(places) });
         }
         let Some(points) = points else { return Err(self.malformed("DIMENSIONS are missing")) };
         if kind == "STRUCTURED_POINTS" {
@@ -211,6 +221,23 @@ impl<'a> Reader<'a> {
         let array = self.array(kind, 3, count)?;
         let layout = Layout { dims: [count, 3, 1], scalar: kind, endian: Endian::Big };
         Ok(triples(&layout.numbers(self.file, &self.samples(&array))?))
+    }
+
+    /// `CELLS`, its word being taken: which points are corners of which cell is passed over. From version 5 on there are two arrays.
+    fn cells(&mut self) -> Result<(), ImportError> {
+        let [cells, numbers] = [self.number("a number of cells")?, self.number("a number of corners")?];
+        let before = self.at;
+        if self.keyword().is_none_or(|word| word != "OFFSETS") {
+            self.at = before;
+            return self.array(Scalar::I32, 1, numbers).map(drop);
+        }
+        let kind = self.scalar()?;
+        self.array(kind, 1, cells)?;
+        if self.keyword().is_none_or(|word| word != "CONNECTIVITY") {
+            return Err(self.malformed("CONNECTIVITY is expected after OFFSETS"));
+        }
+        let kind = self.scalar()?;
+        self.array(kind, 1, numbers).map(drop)
     }
 
     fn coordinates(&mut self) -> Result<Coordinates, ImportError> {
