@@ -4,7 +4,9 @@ use crate::description::Look;
 use crate::transfer;
 use anyhow::{Result, ensure};
 use oblate::engine::Cloud;
-use oblate::volumes::{Arrangement, IrregularVolume, IsoExtractor, IsoSettings, KernelSettings, Partition};
+use oblate::volumes::{
+    Arrangement, IrregularExtractor, IrregularVolume, IsoSettings, KernelSettings, Partition,
+};
 
 /// Iso-surfaces, then the inside: what was asked for, or the inside where nothing was.
 pub(crate) fn irregular_clouds(volume: &IrregularVolume, look: &Look) -> Result<Vec<Cloud>> {
@@ -18,10 +20,9 @@ pub(crate) fn irregular_clouds(volume: &IrregularVolume, look: &Look) -> Result<
         let [r, g, b, _] = color.0;
         settings.color = [r, g, b];
     }
-    let extractor = IsoExtractor::new(volume.samples());
+    let extractor = IrregularExtractor::new(volume, settings.interpolation)?;
     for iso in look.iso.iter().flatten() {
-        let of_samples = extractor.extract(*iso, settings.interpolation)?;
-        clouds.push(volume.in_world(of_samples).cloud(&settings)?);
+        clouds.push(extractor.extract(*iso)?.cloud(&settings)?);
     }
     if look.transfer.is_some() || clouds.is_empty() {
         let function = transfer::resolve(look.transfer.as_ref(), volume.samples())?;

@@ -15,8 +15,8 @@ use oblate::engine::Blend;
 use oblate::importers::export::SurfelWriter;
 use oblate::importers::{Content, RawSlices, Watch};
 use oblate::volumes::{
-    Arrangement, Grid, GridFrame, Interpolation, IrregularVolume, IsoExtractor, IsoSettings, IsoSurfels,
-    Volume, stream_iso_surfels,
+    Arrangement, Grid, GridFrame, Interpolation, IrregularExtractor, IrregularVolume, IsoExtractor,
+    IsoSettings, IsoSurfels, Volume, stream_iso_surfels,
 };
 use serde::Serialize;
 use std::path::PathBuf;
@@ -119,38 +119,28 @@ pub(crate) fn run(args: ExtractArgs) -> Result<()> {
 fn whole(args: &ExtractArgs, settings: &IsoSettings, output: Output) -> Result<ExtractStats> {
     let console = Console { quiet: args.quiet };
     let (field, load_time) = timed(|| load(args, console))?;
-    let (volume, irregular) = match &field {
-        Field::Regular(volume) => (volume, None),
-        Field::Irregular(irregular) => (irregular.samples(), Some(irregular)),
-    };
-    let find = |extractor: &IsoExtractor<&Volume>, value, surfels: &mut IsoSurfels| {
-        extractor.extract_into(value, settings.interpolation, surfels)?;
-        if let Some(irregular) = irregular {
-            *surfels = irregular.in_world(std::mem::take(surfels));
-        }
-        Ok(())
-    };
-    let extractor = IsoExtractor::new(volume);
+    let search = || Search::new(&field, settings.interpolation);
+    let extractor = search()?;
     let measured = args.stats.is_some() || args.repeat.is_some();
     let repeats = if measured { 1 + args.repeat.unwrap_or(1) } else { 1 };
     let again = args.again.unwrap_or(args.iso);
     let (mut surfels, mut others) = (IsoSurfels::default(), IsoSurfels::default());
     let [mut extractions, mut hierarchies, mut second] = [const { Vec::new() }; 3];
     for _ in 0..repeats {
-        let (made, hierarchy_time) = timed(|| Ok(IsoExtractor::new(volume)))?;
-        let ((), found_in) = timed(|| find(&made, args.iso, &mut surfels))?;
+        let (made, hierarchy_time) = timed(search)?;
+        let ((), found_in) = timed(|| made.find(args.iso, &mut surfels))?;
         hierarchies.push(milliseconds(hierarchy_time));
         extractions.push(milliseconds(hierarchy_time + found_in));
         if measured {
-            let ((), time) = timed(|| find(&extractor, again, &mut others))?;
+            let ((), time) = timed(|| extractor.find(again, &mut others))?;
             second.push(milliseconds(time));
         }
     }
     let first = usize::from(measured);
-    let reach = match irregular {
-        None => reach(Grid { dims: volume.dims(), frame: volume.frame() }),
-        Some(irregular) => {
-            let [low, high] = irregular.bounds();
+    let reach = match &field {
+        Field::Regular(volume) => reach(Grid { dims: volume.dims(), frame: volume.frame() }),
+        Field::Irregular(volume) => {
+            let [low, high] = volume.bounds();
             low.distance(high)
         }
     };
@@ -220,6 +210,31 @@ fn stream(args: &ExtractArgs, settings: &IsoSettings, output: Output) -> Result<
 enum Field {
     Regular(Volume),
     Irregular(IrregularVolume),
+}
+
+/// What finds them.
+enum Search<'a> {
+    Regular(IsoExtractor<&'a Volume>, Interpolation),
+    Irregular(IrregularExtractor<'a>),
+}
+
+impl<'a> Search<'a> {
+    fn new(field: &'a Field, interpolation: Interpolation) -> Result<Self> {
+        Ok(match field {
+            Field::Regular(volume) => Self::Regular(IsoExtractor::new(volume), interpolation),
+            Field::Irregular(volume) => Self::Irregular(IrregularExtractor::new(volume, interpolation)?),
+        })
+    }
+
+    fn find(&self, value: f32, surfels: &mut IsoSurfels) -> Result<()> {
+        match self {
+            Self::Regular(extractor, interpolation) => {
+                extractor.extract_into(value, *interpolation, surfels)?
+            }
+            Self::Irregular(extractor) => *surfels = extractor.extract(value)?,
+        }
+        Ok(())
+    }
 }
 
 fn load(args: &ExtractArgs, console: Console) -> Result<Field> {

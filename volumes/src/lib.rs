@@ -20,7 +20,7 @@ mod transfer_text;
 pub mod volume;
 
 pub use histogram::{Classes, Histogram, propose_iso};
-pub use irregular::{Arrangement, IrregularError, IrregularVolume, Partition, Residual};
+pub use irregular::{Arrangement, IrregularError, IrregularExtractor, IrregularVolume, Partition, Residual};
 pub use iso::{
     COVERAGE_FLOOR, Grid, IRREGULAR_COVERAGE_FLOOR, Interpolation, IsoError, IsoExtractor, IsoSettings,
     IsoSurfel, IsoSurfels, SURFEL_BLUR, iso_surfels, stream_iso_surfels,

@@ -2,10 +2,11 @@
 //!
 //! An [`IrregularVolume`] has a point for each value. What `local` says of a sample, its steps and its gradient, is all that kernels know of
 //! how samples are arranged: `partition` makes kernels of them, `supports` finds those that reach a point. `surfaces` takes the
-//! iso-surfels of the values, as an even grid in index space, to where the cells lie.
+//! iso-surfels of the values, as an even grid in index space, to where the cells lie; `refinement` parts long cells before.
 
 mod local;
 mod partition;
+mod refinement;
 mod supports;
 mod surfaces;
 
@@ -13,6 +14,7 @@ use glam::{DAffine3, DVec3};
 use thiserror::Error;
 
 pub use partition::{Partition, Residual};
+pub use surfaces::IrregularExtractor;
 
 use crate::volume::{GridFrame, Volume, VolumeError, Voxels};
 

@@ -32,7 +32,7 @@ pub use streaming::{Grid, stream_iso_surfels};
 pub use surfel::{Interpolation, IsoSurfel, SURFEL_BLUR};
 pub use surfels::IsoSurfels;
 
-use crate::volume::Volume;
+use crate::volume::{Volume, VolumeError};
 
 /// The least summed coverage of iso-surfels on surfaces whose radius of curvature is at least five of the
 /// grid's longest steps, three radii away from borders. On a sphere of radius r it falls by 3σ²/r², since
@@ -114,6 +114,9 @@ pub enum IsoError {
         /// How many came.
         found: usize,
     },
+    /// The samples do not make a volume.
+    #[error(transparent)]
+    Volume(#[from] VolumeError),
     /// The surfels do not make a cloud.
     #[error(transparent)]
     Cloud(#[from] CloudError),
