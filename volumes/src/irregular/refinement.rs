@@ -9,7 +9,8 @@ use crate::volume::{Volume, VolumeError, Voxels};
 /// The longest step that is searched as a whole, as a share of the diagonal of the bounds: a surfel's σ is then 1/180 of it.
 const LONGEST: f64 = 1.0 / 128.0;
 
-/// Samples that may come of it, unless a volume has more itself.
+/// Samples that may come of one, and of all unless a volume has more itself.
+const MOST_OF_ONE: usize = 64;
 const MOST: usize = 1 << 24;
 
 /// A finer grid in the index space of a volume: cells in equal parts along each axis.
@@ -30,10 +31,12 @@ impl Refinement {
         let lengths = [0, 1, 2].map(|axis| longest_steps(volume, axis));
         let [low, high] = volume.bounds();
         let mut longest = LONGEST * low.distance(high);
+        let count = volume.points.len();
+        let most = count.saturating_mul(MOST_OF_ONE).min(MOST).max(count);
         loop {
             let axes = lengths.each_ref().map(|lengths| parts(lengths, longest));
             let count = axes.iter().try_fold(1_usize, |product, axis| product.checked_mul(axis.len()));
-            if count.is_some_and(|count| count <= MOST.max(volume.points.len())) {
+            if count.is_some_and(|count| count <= most) {
                 return Self { axes };
             }
             longest *= 1.25;
