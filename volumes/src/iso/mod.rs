@@ -39,8 +39,7 @@ use crate::volume::{Volume, VolumeError};
 /// surfels are flat, and by the polygons' lack of area.
 pub const COVERAGE_FLOOR: f32 = 0.9;
 
-/// The least summed coverage of iso-surfels of irregular volumes, where steps double from one cell to the next along all axes at once; where
-/// they grow by a tenth it is above 0.98, on planes.
+/// The least summed coverage of iso-surfels of irregular volumes on planes, where steps double from one cell to the next along all axes at once.
 pub const IRREGULAR_COVERAGE_FLOOR: f32 = 0.7;
 
 /// How [`iso_surfels`] makes surfels.
