@@ -4,7 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::IrregularVolume;
-use crate::volume::{Volume, VolumeError, Voxels};
+use crate::volume::{GridFrame, Volume, VolumeError, Voxels};
 
 /// The longest step that is searched as a whole, as a share of the diagonal of the bounds: a surfel's σ is then 1/180 of it.
 const LONGEST: f64 = 1.0 / 128.0;
@@ -43,7 +43,7 @@ impl Refinement {
         }
     }
 
-    /// The values of the finer grid: those of the trilinear interpolant, in steps as long as the volume's samples have them.
+    /// The values of the finer grid, those of the trilinear interpolant, one unit apart.
     pub(super) fn samples(&self, volume: &IrregularVolume) -> Result<Volume, VolumeError> {
         let dims = self.axes.each_ref().map(Vec::len);
         let value = |number: usize| {
@@ -52,7 +52,7 @@ impl Refinement {
             volume.samples.sample(place).unwrap_or(f32::NAN)
         };
         let values = (0..dims.iter().product()).into_par_iter().map(value).collect();
-        Volume::new(dims, Voxels::F32(values), volume.samples.frame())
+        Volume::new(dims, Voxels::F32(values), GridFrame::default())
     }
 
     /// What an index of the finer grid is in the volume, and a step of it there.

@@ -73,8 +73,7 @@ impl<'a> IrregularExtractor<'a> {
 
     /// A surfel of index space in the world, relative to the middle; `None` where cells have collapsed.
     fn in_world(&self, surfel: &IsoSurfel) -> Option<IsoSurfel> {
-        let unit = self.volume.samples.frame().spacing.x;
-        let [index, part] = self.refinement.in_volume(surfel.center.as_dvec3() / unit);
+        let [index, part] = self.refinement.in_volume(surfel.center.as_dvec3());
         // Of a surfel on the face that it shares with a cell beside a missing sample.
         let aside = |by: f64| self.volume.place_at(index + DVec3::splat(by));
         let place = aside(0.0).or_else(|| aside(-NUDGE)).or_else(|| aside(NUDGE))?;
@@ -83,7 +82,7 @@ impl<'a> IrregularExtractor<'a> {
         // The polygon's own side, which the interpolant's slope is across.
         let down = (-place.gradient * part).normalize_or_zero();
         let across = if down.dot(normal) > 0.1 { down } else { normal };
-        let area = f64::from(surfel.area) / (unit * unit) * (cofactors(steps) * across).length();
+        let area = f64::from(surfel.area) * (cofactors(steps) * across).length();
 
         let by_cell = along(steps, across)?;
         let (smooth_steps, rises) = place.smooth;
@@ -92,7 +91,7 @@ impl<'a> IrregularExtractor<'a> {
         let normal_in_world = by_differences.unwrap_or(by_cell);
         // Half-axes lie across the normal: along it back to the polygon's plane, to the world, and along the normal there.
         let to_world = |axis: Vec3| {
-            let axis = axis.as_dvec3() / unit;
+            let axis = axis.as_dvec3();
             let v = steps * (axis - normal * (axis.dot(across) / normal.dot(across)));
             v - normal_in_world * v.dot(normal_in_world)
         };
