@@ -10,10 +10,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // A file's volume and a value, or the test signal of Marschner and Lobb, 1994, as a surface of ripples.
     let mut args = std::env::args().skip(1);
     let (volume, iso) = match (args.next(), args.next()) {
-        (Some(path), Some(iso)) => match open(path.as_ref(), &OpenOptions::default())?.content {
-            Content::Volume(volume) => (volume, iso.parse()?),
-            _ => return Err(format!("{path} is no volume").into()),
-        },
+        (Some(path), Some(iso)) => {
+            match open(std::path::Path::new(&path), &OpenOptions::default())?.content {
+                Content::Volume(volume) => (volume, iso.parse()?),
+                _ => return Err(format!("{path} is no volume").into()),
+            }
+        }
         _ => (marschner_lobb(100)?, 0.5),
     };
 

@@ -6,9 +6,8 @@ use crate::detail::levels_pay;
 use crate::draw::Drawing;
 use crate::finish::{Paint, kept};
 use crate::framing::{View, outline};
-use crate::notation::Rgba;
 use crate::progress::Console;
-use crate::transfer;
+use crate::volume_looks::{Field, volume_clouds};
 use anyhow::{Context, Result, ensure};
 use glam::{DAffine3, DVec3};
 use oblate::engine::{Camera, Cloud, HalfSpace, Light, Scene};
@@ -16,7 +15,7 @@ use oblate::surfels::{
     Density, Mesh, PointCloud, PointColor, PointSettings, SamplerSettings, point_surfels, sample,
     shown_spacing, view_spacing,
 };
-use oblate::volumes::{IsoExtractor, IsoSettings, KernelSettings, Volume, to_kernels};
+use oblate::volumes::Volume;
 
 /// Surfels of all meshes together, where their number follows the view: in all and for each pixel of the
 /// picture. The nearest place sets the density of the whole, and beyond some surfels a pixel nobody sees more.
@@ -78,7 +77,8 @@ pub(crate) fn assemble(
         "the scene has {places} instances; at most {MOST_CLOUDS} clouds can be drawn"
     );
     // A volume's axes are named in its file; what is up in others is custom.
-    let first = items.iter().find(|item| matches!(item.body, Body::Volume(_))).or(items.first());
+    let first =
+        items.iter().find(|item| matches!(item.body, Body::Volume(_) | Body::Irregular(_))).or(items.first());
     let up = first.map_or(DVec3::Y, |item| item.up);
     let (mut standing, mut meshes) = (Vec::new(), Vec::new());
     for Item { name, body, places, look, .. } in items {
@@ -97,13 +97,18 @@ pub(crate) fn assemble(
                 let _task = console.task(format!("splats of {name}"));
                 let volume = placed_volume(volume, places[0])?;
                 let paint = Paint::read(&look, places[0], console)?;
-                let shown = volume_clouds(&volume, &look, paint.as_ref()).with_context(|| name.clone())?;
-                if shown.iter().all(Cloud::is_empty) {
-                    let range = volume
-                        .value_range()
-                        .map_or("no finite value".into(), |[a, b]| format!("values {a} to {b}"));
-                    console.say(format_args!("{name}: nothing in it is visible ({range})"));
-                }
+                let field = Field::Regular(&volume);
+                let shown = volume_clouds(field, &look, paint.as_ref()).with_context(|| name.clone())?;
+                say_if_empty(&name, &shown, &volume, console);
+                standing.extend(shown.into_iter().map(stand));
+            }
+            Body::Irregular(volume) => {
+                let _task = console.task(format!("splats of {name}"));
+                let volume = volume.placed(places[0]).with_context(|| name.clone())?;
+                let paint = Paint::read(&look, places[0], console)?;
+                let field = Field::Irregular(&volume);
+                let shown = volume_clouds(field, &look, paint.as_ref()).with_context(|| name.clone())?;
+                say_if_empty(&name, &shown, volume.samples(), console);
                 standing.extend(shown.into_iter().map(stand));
             }
         }
@@ -141,6 +146,15 @@ pub(crate) fn assemble(
         origins.extend((place..place + moves.len()).map(|place| (name.clone(), place)));
     }
     Ok(Assembled { scene: Scene { clouds, lights }, camera, view, origins })
+}
+
+/// Says that nothing of a volume is visible, if that is so.
+fn say_if_empty(name: &str, shown: &[Cloud], values: &Volume, console: Console) {
+    if shown.iter().all(Cloud::is_empty) {
+        let range =
+            values.value_range().map_or("no finite value".into(), |[a, b]| format!("values {a} to {b}"));
+        console.say(format_args!("{name}: nothing in it is visible ({range})"));
+    }
 }
 
 /// What takes a thing from one of its places to each of them; exactly nothing to that one.
@@ -265,44 +279,4 @@ pub(crate) fn point_cloud(points: &PointCloud, look: &Look) -> Result<Cloud> {
         ..PointSettings::default()
     };
     Ok(point_surfels(points, &settings)?)
-}
-
-/// Iso-surfaces, then the inside: what was asked for, or the inside where nothing was.
-pub(crate) fn volume_clouds(volume: &Volume, look: &Look, paint: Option<&Paint>) -> Result<Vec<Cloud>> {
-    let mut clouds = Vec::new();
-    let values = look.iso.as_deref().unwrap_or_default();
-    let colors = look.iso_color.as_deref().unwrap_or_default();
-    ensure!(
-        colors.len() <= 1 || colors.len() == values.len(),
-        "iso-color has {} colours for {} values of iso; give one, or one for each",
-        colors.len(),
-        values.len()
-    );
-    ensure!(colors.is_empty() || !values.is_empty(), "iso-color is for iso-surfaces; give values by iso");
-    let inside = look.transfer.is_some() || values.is_empty();
-    for (what, asked) in [("flatten", look.flatten.is_some()), ("refine", look.refine.is_some())] {
-        ensure!(!asked || inside, "{what} is for the inside of a volume; ask for it by transfer");
-    }
-    if !values.is_empty() {
-        let extractor = IsoExtractor::new(volume);
-        for (number, iso) in values.iter().enumerate() {
-            let mut settings = IsoSettings::default();
-            if let Some(Rgba([r, g, b, opacity])) = colors.get(number).or(colors.first()) {
-                (settings.color, settings.opacity) = ([*r, *g, *b], *opacity);
-            }
-            clouds.push(extractor.extract(*iso, settings.interpolation)?.cloud(&settings)?);
-        }
-    }
-    if inside {
-        let function = transfer::resolve(look.transfer.as_ref(), volume)?;
-        let settings = KernelSettings { flattening: look.flatten.map(|press| press.0), ..Default::default() };
-        clouds.push(match look.refine {
-            None | Some(1) => to_kernels(volume, &function, &settings)?,
-            Some(times) => to_kernels(&volume.refined(times)?, &function, &settings)?,
-        });
-    }
-    match paint {
-        Some(paint) => clouds.iter().map(|cloud| paint.apply(cloud)).collect(),
-        None => Ok(clouds),
-    }
 }

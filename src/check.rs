@@ -102,6 +102,8 @@ pub(crate) struct Uses {
     /// A part took the texture given.
     pub(crate) texture: bool,
     pub(crate) points: bool,
+    /// A grid in two files.
+    pub(crate) flow: bool,
     /// Splats in several levels of detail.
     pub(crate) level: bool,
 }
@@ -116,6 +118,7 @@ impl std::ops::BitOr for Uses {
             raw: self.raw | other.raw,
             texture: self.texture | other.texture,
             points: self.points | other.points,
+            flow: self.flow | other.flow,
             level: self.level | other.level,
         }
     }
@@ -149,6 +152,9 @@ impl FileOptions {
             let problem = "is used by no part: it is for parts of OBJ and PLY meshes that have texture \
                            coordinates and no texture of their own";
             useless(&texture, problem)?;
+        }
+        if !uses.flow {
+            useless(&[("flow", self.flow.is_some())], "is for PLOT3D grids; none is given")?;
         }
         if !uses.level {
             useless(&[("level", self.level.is_some())], "is for splats in several levels; none is given")?;

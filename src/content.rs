@@ -8,7 +8,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use oblate::engine::{Blend, Cloud};
 use oblate::importers::{Content, Endian, OpenOptions, Opened, RawLayout, SampleType, Watch};
 use oblate::surfels::{Mesh, PointCloud};
-use oblate::volumes::{GridFrame, Volume};
+use oblate::volumes::{GridFrame, IrregularVolume, Volume};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -30,6 +30,7 @@ pub(crate) struct Item {
 pub(crate) enum Body {
     Mesh(Mesh),
     Volume(Volume),
+    Irregular(IrregularVolume),
     Points(PointCloud),
     /// Splats as they are.
     Splats {
@@ -48,7 +49,9 @@ pub(crate) fn load(source: Source, given: &FileOptions, console: Console) -> Res
     }
     let (kind, what) = match &opened.content {
         Content::Mesh(_) => (Kind::Mesh, "it is a mesh; list it under [[mesh]]"),
-        Content::Volume(_) => (Kind::Volume, "it is a volume; list it under [[volume]]"),
+        Content::Volume(_) | Content::Irregular(_) => {
+            (Kind::Volume, "it is a volume; list it under [[volume]]")
+        }
         Content::Points(_) => (Kind::Points, "it holds points; list it under [[points]]"),
         Content::Splats { .. } => (Kind::Splats, "it holds splats; list it under [[splats]]"),
     };
@@ -59,6 +62,7 @@ pub(crate) fn load(source: Source, given: &FileOptions, console: Console) -> Res
     let body = match opened.content {
         Content::Mesh(mesh) => Body::Mesh(mesh),
         Content::Volume(volume) => Body::Volume(volume),
+        Content::Irregular(volume) => Body::Irregular(volume),
         Content::Points(points) => Body::Points(points),
         Content::Splats { splats, blend } => {
             let cloud = Cloud::new(splats).with_context(|| name.clone())?;
@@ -96,6 +100,7 @@ pub(crate) fn open(path: &Path, options: &FileOptions, console: Console) -> Resu
             ..Uses::default()
         },
         Content::Volume(_) => Uses { volume: true, raw: is_raw, ..Uses::default() },
+        Content::Irregular(_) => Uses { volume: true, flow: opened.format == "PLOT3D", ..Uses::default() },
         Content::Points(_) => Uses { points: true, ..Uses::default() },
         Content::Splats { .. } => Uses { level: opened.format == "SOG", ..Uses::default() },
     };
@@ -114,6 +119,7 @@ pub(crate) fn open_options(options: &FileOptions) -> OpenOptions {
         raw: options.dims.map(layout),
         spacing: options.spacing.map(DVec3::from),
         texture: options.texture.clone(),
+        flow: options.flow.clone(),
         level: options.level,
         max_memory: options.max_memory.unwrap_or(defaults.max_memory),
         ..defaults

@@ -301,6 +301,9 @@ pub(crate) struct FileOptions {
     /// OBJ and PLY meshes: a PNG or JPEG for parts with texture coordinates and no texture of their own
     #[arg(long, value_name = "FILE")]
     pub(crate) texture: Option<PathBuf>,
+    /// PLOT3D grids: the file of the flow [default: the one beside the points whose name says so, fin.q for fin.x]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) flow: Option<PathBuf>,
     /// Splats in several levels of detail: which one, 0 being the finest [default: 0]
     #[arg(long, value_name = "N")]
     pub(crate) level: Option<u32>,
@@ -318,6 +321,7 @@ impl FileOptions {
             endian: self.endian.or(under.endian),
             spacing: self.spacing.or(under.spacing),
             texture: self.texture.or(under.texture),
+            flow: self.flow.or(under.flow),
             level: self.level.or(under.level),
             max_memory: self.max_memory.or(under.max_memory),
         }

@@ -19,6 +19,7 @@ mod scene_file;
 mod stats;
 mod summary;
 mod transfer;
+mod volume_looks;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;

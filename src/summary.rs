@@ -5,7 +5,7 @@ use glam::{DMat3, DVec3};
 use oblate::engine::{Blend, OpacityFilter, Splats, Strength};
 use oblate::importers::{Content, Opened};
 use oblate::surfels::{Mesh, PointCloud, Primitive};
-use oblate::volumes::{Histogram, Volume, propose_iso};
+use oblate::volumes::{Arrangement, Histogram, IrregularVolume, Volume, propose_iso};
 use serde::Serialize;
 use std::fmt::{self, Display, Write};
 
@@ -50,11 +50,17 @@ enum Body {
         origin: [f64; 3],
         /// The directions of the grid's axes.
         axes: [[f64; 3]; 3],
-        range: Option<[f32; 2]>,
-        not_finite: u64,
-        iso: Option<f32>,
-        /// Centres of bins and counts.
-        histogram: Vec<(f32, u64)>,
+        #[serde(flatten)]
+        values: Values,
+    },
+    Irregular {
+        /// `curvilinear` or `scattered`.
+        arrangement: &'static str,
+        /// Points along each axis of a curvilinear grid.
+        dims: Option<[usize; 3]>,
+        count: usize,
+        #[serde(flatten)]
+        values: Values,
     },
     Points {
         count: usize,
@@ -78,11 +84,22 @@ enum Body {
     },
 }
 
+/// The values of a volume.
+#[derive(Debug, Serialize)]
+struct Values {
+    range: Option<[f32; 2]>,
+    not_finite: u64,
+    iso: Option<f32>,
+    /// Centres of bins and counts.
+    histogram: Vec<(f32, u64)>,
+}
+
 impl Summary {
     pub(crate) fn new(file: String, opened: &Opened) -> Self {
         let (body, bounds) = match &opened.content {
             Content::Mesh(mesh) => (mesh_body(mesh), mesh.bounds()),
             Content::Volume(volume) => (volume_body(volume), Some(corners(volume))),
+            Content::Irregular(volume) => (irregular_body(volume), Some(volume.bounds())),
             Content::Points(points) => (points_body(points), points_bounds(points)),
             Content::Splats { splats, blend } => {
                 (splats_body(splats, *blend), bounds(splats.centers.iter().map(|p| p.as_dvec3())))
@@ -114,18 +131,32 @@ fn mesh_body(mesh: &Mesh) -> Body {
 }
 
 fn volume_body(volume: &Volume) -> Body {
-    let (frame, histogram) = (volume.frame(), volume.histogram(BARS));
-    let bin = |histogram: &Histogram, bin: usize| {
-        // The last bin may reach beyond the values.
-        (histogram.center(bin).min(histogram.range()[1]), histogram.counts()[bin])
-    };
-    let direction = frame.direction;
+    let frame = volume.frame();
     Body::Volume {
         dims: volume.dims(),
         sample_type: volume.voxels().type_name(),
         spacing: frame.spacing.to_array(),
         origin: frame.origin.to_array(),
-        axes: direction.to_cols_array_2d(),
+        axes: frame.direction.to_cols_array_2d(),
+        values: values(volume),
+    }
+}
+
+fn irregular_body(volume: &IrregularVolume) -> Body {
+    let (arrangement, dims) = match volume.arrangement() {
+        Arrangement::Curvilinear => ("curvilinear", Some(volume.samples().dims())),
+        Arrangement::Scattered => ("scattered", None),
+    };
+    Body::Irregular { arrangement, dims, count: volume.points().len(), values: values(volume.samples()) }
+}
+
+fn values(volume: &Volume) -> Values {
+    let histogram = volume.histogram(BARS);
+    let bin = |histogram: &Histogram, bin: usize| {
+        // The last bin may reach beyond the values.
+        (histogram.center(bin).min(histogram.range()[1]), histogram.counts()[bin])
+    };
+    Values {
         range: histogram.as_ref().map(Histogram::range),
         not_finite: histogram.as_ref().map_or(volume.voxels().len() as u64, Histogram::ignored),
         iso: propose_iso(volume),
@@ -198,9 +229,9 @@ impl Display for Summary {
             Some([low, high]) => writeln!(f, "bounds      {} to {}", list(low), list(high))?,
             None => writeln!(f, "bounds      none")?,
         }
-        if let Body::Volume { range, not_finite, iso, histogram, .. } = &self.body {
-            write_values(f, *range, *not_finite, *iso)?;
-            write_histogram(f, histogram)?;
+        if let Body::Volume { values, .. } | Body::Irregular { values, .. } = &self.body {
+            write_values(f, values)?;
+            write_histogram(f, &values.histogram)?;
         }
         self.notes.iter().try_for_each(|note| writeln!(f, "note        {note}"))
     }
@@ -247,6 +278,10 @@ impl Body {
                 }
                 Ok(())
             }
+            Self::Irregular { arrangement, dims, count, .. } => match dims {
+                Some([x, y, z]) => writeln!(f, "volume      {arrangement} grid of {x}×{y}×{z} points"),
+                None => writeln!(f, "volume      {count} {arrangement} samples"),
+            },
             Self::Points { count, colors, normals, intensities, viewpoint } => {
                 writeln!(f, "points      {count}")?;
                 let has = |what: &str, has: bool| has.then(|| what.to_owned());
@@ -285,12 +320,8 @@ impl Body {
     }
 }
 
-fn write_values(
-    f: &mut fmt::Formatter<'_>,
-    range: Option<[f32; 2]>,
-    not_finite: u64,
-    iso: Option<f32>,
-) -> fmt::Result {
+fn write_values(f: &mut fmt::Formatter<'_>, values: &Values) -> fmt::Result {
+    let &Values { range, not_finite, iso, .. } = values;
     let Some([low, high]) = range else {
         return writeln!(f, "values      none that is finite");
     };

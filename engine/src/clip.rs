@@ -93,7 +93,7 @@ impl Part {
         if ahead >= REACH * sigma {
             return Some(self);
         }
-        if ahead <= -REACH * sigma || !(sigma > 0.0) {
+        if ahead <= -REACH * sigma {
             return None;
         }
         let t = ahead / sigma;

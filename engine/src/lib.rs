@@ -30,6 +30,7 @@ mod layers;
 mod levels;
 pub mod metrics;
 mod morton;
+pub mod neighbors;
 pub mod observer;
 mod occlusion;
 mod order;

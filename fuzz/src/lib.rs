@@ -38,6 +38,7 @@ pub fn open(name: &str, bytes: &[u8]) {
             }
         }
         Content::Volume(volume) => assert!(volume.index_to_world().is_finite()),
+        Content::Irregular(volume) => assert!(volume.bounds().iter().all(|corner| corner.is_finite())),
         Content::Points(points) => {
             assert!(
                 points.origin.is_finite() && points.positions.iter().all(|position| position.is_finite())

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use oblate_engine::{Blend, Splats, Strength};
 use oblate_surfels::{Mesh, PointCloud};
-use oblate_volumes::Volume;
+use oblate_volumes::{IrregularVolume, Volume};
 use std::fmt;
 
 /// What a file holds, and what is to be said of it.
@@ -26,6 +26,8 @@ pub enum Content {
     Mesh(Mesh),
     /// Voxels.
     Volume(Volume),
+    /// Samples on no regular grid.
+    Irregular(IrregularVolume),
     /// Points of surfaces.
     Points(PointCloud),
     /// Splats: trained Gaussians with peak opacities, or surfels.
@@ -66,7 +68,7 @@ impl Opened {
             Content::Splats { splats, .. } if matches!(splats.strength, Strength::Opacity { .. }) => {
                 DVec3::NEG_Y
             }
-            Content::Volume(_) | Content::Points(_) => DVec3::Z,
+            Content::Volume(_) | Content::Irregular(_) | Content::Points(_) => DVec3::Z,
             _ => DVec3::Y,
         };
         Self { format: "", up, content, notes }

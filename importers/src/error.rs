@@ -1,6 +1,6 @@
 //! Why a file does not open.
 
-use oblate_volumes::VolumeError;
+use oblate_volumes::{IrregularError, VolumeError};
 use std::fmt;
 use std::io;
 use std::path::PathBuf;
@@ -68,6 +68,14 @@ pub enum ImportError {
         path: PathBuf,
         /// Which numbers.
         source: VolumeError,
+    },
+    /// The numbers do not make a volume of irregular samples.
+    #[error("{}: {source}", path.display())]
+    Irregular {
+        /// The file.
+        path: PathBuf,
+        /// Which numbers.
+        source: IrregularError,
     },
 }
 

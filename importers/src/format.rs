@@ -7,7 +7,7 @@ use crate::ply;
 use crate::points::{las, pcd, xyz};
 use crate::source::Source;
 use crate::splats::{ksplat, sog, splat, spz};
-use crate::volumes::{dicom, dicom_data_set, meta_image, nifti, nrrd, raw, tiff, vtk};
+use crate::volumes::{dicom, dicom_data_set, meta_image, nifti, nrrd, plot3d, raw, tiff, vtk};
 use crate::{ImportError, OpenOptions, Opened};
 use glam::DVec3;
 
@@ -78,20 +78,21 @@ static FORMATS: &[Format] = &[
     .beginning(meta_image::begins),
     Format::new("NIfTI", &["nii", "hdr"], |source, options| nifti::read(&source.into_file()?, options))
         .beginning(nifti::begins),
-    Format::new("VTK XML", &["vti", "vtr"], |source, options| {
-        Ok(vtk::xml::read(&source.into_file()?, options)?.into())
+    Format::new("VTK XML", &["vti", "vtr", "vts"], |source, options| {
+        vtk::xml::read(&source.into_file()?, options)
     })
     .beginning(|bytes| text(bytes).starts_with(b"<") && contains(start(text(bytes)), b"<VTKFile")),
-    Format::new("legacy VTK", &["vtk"], |source, options| {
-        Ok(vtk::legacy::read(&source.into_file()?, options)?.into())
-    })
-    .beginning(|bytes| bytes.starts_with(vtk::legacy::MAGIC)),
+    Format::new("legacy VTK", &["vtk"], |source, options| vtk::legacy::read(&source.into_file()?, options))
+        .beginning(|bytes| bytes.starts_with(vtk::legacy::MAGIC)),
     Format::new("DICOM", &["dcm"], |source, options| dicom::read(&source.into_file()?, options))
         .beginning(dicom_data_set::is_dicom),
     // After DICOM, whose preamble may be a TIFF's beginning.
     Format::new("TIFF", &["tif", "tiff"], |source, options| tiff::read(&source.into_file()?, options))
         .beginning(|bytes| TIFF.iter().any(|beginning| bytes.starts_with(beginning))),
 ];
+
+/// Told by its counts and size together, where nothing else tells a file; or by its name.
+static PLOT3D: Format = Format::new("PLOT3D", &["x", "g", "q", "p3d"], plot3d::read);
 
 static RAW: Format =
     Format::new(
@@ -103,17 +104,20 @@ static RAW: Format =
 /// In both byte orders, and BigTIFF.
 const TIFF: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
 
-/// The format of a file, of whose bytes only the beginning may be there: by that; else by name; else raw where the caller
-/// `says_raw`; else OBJ where the text looks like it, which has no fixed beginning; else raw.
-pub(crate) fn of(file: &File, says_raw: bool) -> &'static Format {
+/// The format of a file of `size` bytes, of which only the beginning may be there: by that; else PLOT3D by its counts and size unless the caller
+/// `says_raw`; else by name; else raw where the caller says so; else OBJ where the text looks like it, which has no fixed beginning; else raw.
+pub(crate) fn of(file: &File, size: usize, says_raw: bool) -> &'static Format {
     if let Some(format) = of_beginning(&file.bytes) {
         return format;
+    }
+    if !says_raw && plot3d::is_plot3d(&file.bytes, size) {
+        return &PLOT3D;
     }
     let extension = file.path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     let named = |format: &&Format| format.extensions.contains(&extension.as_str());
     let looks_like = |format: &&Format| !says_raw && format.name == "OBJ" && looks_like_obj(&file.bytes);
     let other = || FORMATS.iter().find(looks_like).unwrap_or(&RAW);
-    FORMATS.iter().chain([&RAW]).find(named).unwrap_or_else(other)
+    FORMATS.iter().chain([&PLOT3D, &RAW]).find(named).unwrap_or_else(other)
 }
 
 /// The format whose fixed beginning `bytes` have.
@@ -123,7 +127,7 @@ pub(crate) fn of_beginning(bytes: &[u8]) -> Option<&'static Format> {
 
 /// The names of all formats but raw samples.
 pub(crate) fn names() -> String {
-    FORMATS.iter().map(|format| format.name).collect::<Vec<_>>().join(", ")
+    FORMATS.iter().chain([&PLOT3D]).map(|format| format.name).collect::<Vec<_>>().join(", ")
 }
 
 /// What follows the mark of a text's encoding and white space.

@@ -12,8 +12,9 @@
 //! | NRRD, attached and detached | volume | [`volumes::nrrd`] |
 //! | MetaImage, `.mha` and `.mhd` | volume | [`volumes::meta_image`] |
 //! | NIfTI-1 and -2, also under gzip, and pairs | volume | [`volumes::nifti`] |
-//! | VTI and VTR (VTK ImageData, RectilinearGrid) | volume | [`volumes::vtk::xml`] |
-//! | legacy VTK | volume | [`volumes::vtk::legacy`] |
+//! | VTI, VTR and VTS (VTK ImageData, RectilinearGrid, StructuredGrid) | volume, regular or irregular | [`volumes::vtk::xml`] |
+//! | legacy VTK | volume, regular or irregular | [`volumes::vtk::legacy`] |
+//! | PLOT3D, points and flow | irregular volume | [`volumes::plot3d`] |
 //! | TIFF stacks | volume | [`volumes::tiff`] |
 //! | DICOM, a file of a series or its folder | volume | [`volumes::dicom`] |
 //! | a folder of numbered slices | volume | [`volumes::slices`] |
@@ -68,6 +69,8 @@ pub struct OpenOptions {
     pub spacing: Option<DVec3>,
     /// A PNG, JPEG or WebP for the parts of an OBJ or PLY mesh that have texture coordinates and no texture.
     pub texture: Option<PathBuf>,
+    /// The file of the flow that belongs to a PLOT3D grid, in place of the one beside it; other files don't heed it.
+    pub flow: Option<PathBuf>,
     /// The level of detail of a file that has several, 0 being the finest and the default; other files don't heed it.
     pub level: Option<u32>,
     /// Bytes that a compressed file may unpack to, at most.
@@ -84,7 +87,7 @@ impl OpenOptions {
 impl Default for OpenOptions {
     fn default() -> Self {
         let max_memory = Self::MAX_MEMORY;
-        Self { raw: None, spacing: None, texture: None, level: None, max_memory, watch: None }
+        Self { raw: None, spacing: None, texture: None, flow: None, level: None, max_memory, watch: None }
     }
 }
 
@@ -99,7 +102,7 @@ pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Opened, Imp
         return Ok(Opened { format: "slices", ..slices::read(path, options)? });
     }
     let source = Source::open(path, options.watch.as_ref())?;
-    let format = format::of(&source.head, options.raw.is_some());
+    let format = format::of(&source.head, source.size, options.raw.is_some());
     let opened = (format.read)(source, options)?;
     Ok(Opened { format: format.name, up: format.up.unwrap_or(opened.up), ..opened })
 }

@@ -1,6 +1,6 @@
 //! `oblate convert`.
 
-use crate::assemble::{asked_surfels, point_cloud, volume_clouds};
+use crate::assemble::{asked_surfels, point_cloud};
 use crate::check::Wrong;
 use crate::content::open;
 use crate::description::{FileOptions, Look};
@@ -8,6 +8,7 @@ use crate::finish::{Paint, kept};
 use crate::notation::comma_list;
 use crate::output::Output;
 use crate::progress::Console;
+use crate::volume_looks::{Field, volume_clouds};
 use anyhow::{Context, Result, anyhow, ensure};
 use clap::Args;
 use glam::{DAffine3, DVec3, Vec3};
@@ -111,6 +112,21 @@ fn is_trained(splats: &Splats) -> bool {
     matches!(splats.strength, Strength::Opacity { .. })
 }
 
+/// The one set of splats that is asked for of a volume.
+fn one_cloud(look: &Look, format: &str, clouds: impl FnOnce(&Look) -> Result<Vec<Cloud>>) -> Result<Cloud> {
+    ensure!(
+        look.iso.is_some() || look.transfer.is_some(),
+        "such a volume is written as {format}; as splats with --iso or --transfer"
+    );
+    let [cloud]: [Cloud; 1] = clouds(look)?.try_into().map_err(|clouds: Vec<Cloud>| {
+        anyhow!(
+            "{} sets of splats are asked for, one goes into a file: give one --iso or --transfer",
+            clouds.len()
+        )
+    })?;
+    Ok(cloud)
+}
+
 /// Splats of what is none yet.
 fn splats(content: Content, look: &Look, paint: Option<&Paint>, notes: &mut Vec<Note>) -> Result<Content> {
     let kept = kept(look);
@@ -121,20 +137,11 @@ fn splats(content: Content, look: &Look, paint: Option<&Paint>, notes: &mut Vec<
             asked_surfels(&mesh, &look)?
         }
         Content::Volume(volume) => {
-            ensure!(
-                look.iso.is_some() || look.transfer.is_some(),
-                "a volume is written as .nrrd or .vti; as splats with --iso or --transfer"
-            );
-            let clouds: [Cloud; 1] =
-                volume_clouds(&volume, look, paint)?.try_into().map_err(|clouds: Vec<Cloud>| {
-                    anyhow!(
-                        "{} sets of splats are asked for, one goes into a file: give one --iso or --transfer",
-                        clouds.len()
-                    )
-                })?;
-            let [cloud] = clouds;
-            cloud
+            one_cloud(look, ".nrrd or .vti", |look| volume_clouds(Field::Regular(&volume), look, paint))?
         }
+        Content::Irregular(volume) => one_cloud(look, "no format of volumes", |look| {
+            volume_clouds(Field::Irregular(&volume), look, paint)
+        })?,
         Content::Points(points) => point_cloud(&points, look)?,
         Content::Splats { splats, blend } if !kept.is_empty() => {
             let cloud = Cloud::new(splats)?.clipped(&kept)?;

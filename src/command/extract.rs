@@ -16,7 +16,8 @@ use oblate::importers::export::SurfelWriter;
 use oblate::importers::{Content, RawSlices, Watch};
 use oblate::surfels::{Deviation, Merged, merge_flat};
 use oblate::volumes::{
-    Grid, Interpolation, IsoExtractor, IsoSettings, IsoSurfels, Volume, stream_iso_surfels,
+    Arrangement, Grid, GridFrame, Interpolation, IrregularExtractor, IrregularVolume, IsoExtractor,
+    IsoSettings, IsoSurfels, Volume, stream_iso_surfels,
 };
 use serde::Serialize;
 use std::path::PathBuf;
@@ -138,28 +139,34 @@ pub(crate) fn run(args: ExtractArgs) -> Result<()> {
 /// The volume in memory.
 fn whole(args: &ExtractArgs, settings: &IsoSettings, output: Output) -> Result<ExtractStats> {
     let console = Console { quiet: args.quiet };
-    let (volume, load_time) = timed(|| load(args, console))?;
-    let extractor = IsoExtractor::new(&volume);
+    let (field, load_time) = timed(|| load(args, console))?;
+    let search = || Search::new(&field, settings.interpolation);
+    let extractor = search()?;
     let measured = args.stats.is_some() || args.repeat.is_some();
     let repeats = if measured { 1 + args.repeat.unwrap_or(1) } else { 1 };
     let again = args.again.unwrap_or(args.iso);
     let (mut surfels, mut others) = (IsoSurfels::default(), IsoSurfels::default());
     let [mut extractions, mut hierarchies, mut second] = [const { Vec::new() }; 3];
     for _ in 0..repeats {
-        let (made, hierarchy_time) = timed(|| Ok(IsoExtractor::new(&volume)))?;
-        let ((), found_in) =
-            timed(|| Ok(made.extract_into(args.iso, settings.interpolation, &mut surfels)?))?;
+        let (made, hierarchy_time) = timed(search)?;
+        let ((), found_in) = timed(|| made.find(args.iso, &mut surfels))?;
         hierarchies.push(milliseconds(hierarchy_time));
         extractions.push(milliseconds(hierarchy_time + found_in));
         if measured {
-            let ((), time) =
-                timed(|| Ok(extractor.extract_into(again, settings.interpolation, &mut others)?))?;
+            let ((), time) = timed(|| extractor.find(again, &mut others))?;
             second.push(milliseconds(time));
         }
     }
     let first = usize::from(measured);
     let merged = args.merge.map(|bounds| timed(|| merge(&surfels, settings, bounds))).transpose()?;
-    let place = place_of(Grid { dims: volume.dims(), frame: volume.frame() }, console);
+    let reach = match &field {
+        Field::Regular(volume) => reach(Grid { dims: volume.dims(), frame: volume.frame() }),
+        Field::Irregular(volume) => {
+            let [low, high] = volume.bounds();
+            low.distance(high)
+        }
+    };
+    let place = place_of(surfels.frame(), reach, console);
     let ((), write_time) = timed(|| {
         output.finish(|file| {
             let mut writer = SurfelWriter::new(file, Blend::Linear);
@@ -209,7 +216,7 @@ fn stream(args: &ExtractArgs, settings: &IsoSettings, output: Output) -> Result<
     let told = std::sync::Arc::clone(&task);
     options.watch = Some(Watch::new(move |done, of| told.at(done, of)));
     let slices = RawSlices::open(&args.volume, &options)?;
-    let place = place_of(slices.grid(), console);
+    let place = place_of(slices.grid().frame, reach(slices.grid()), console);
     let (mut area, mut closed, mut count) = (0.0, true, 0);
     let begun = Instant::now();
     output.finish(|file| {
@@ -239,22 +246,63 @@ fn stream(args: &ExtractArgs, settings: &IsoSettings, output: Output) -> Result<
     })
 }
 
-fn load(args: &ExtractArgs, console: Console) -> Result<Volume> {
+/// What surfaces are found in.
+enum Field {
+    Regular(Volume),
+    Irregular(IrregularVolume),
+}
+
+/// What finds them.
+enum Search<'a> {
+    Regular(IsoExtractor<&'a Volume>, Interpolation),
+    Irregular(Box<IrregularExtractor<'a>>),
+}
+
+impl<'a> Search<'a> {
+    fn new(field: &'a Field, interpolation: Interpolation) -> Result<Self> {
+        Ok(match field {
+            Field::Regular(volume) => Self::Regular(IsoExtractor::new(volume), interpolation),
+            Field::Irregular(volume) => {
+                Self::Irregular(Box::new(IrregularExtractor::new(volume, interpolation)?))
+            }
+        })
+    }
+
+    fn find(&self, value: f32, surfels: &mut IsoSurfels) -> Result<()> {
+        match self {
+            Self::Regular(extractor, interpolation) => {
+                extractor.extract_into(value, *interpolation, surfels)?
+            }
+            Self::Irregular(extractor) => *surfels = extractor.extract(value)?,
+        }
+        Ok(())
+    }
+}
+
+fn load(args: &ExtractArgs, console: Console) -> Result<Field> {
     let (opened, uses) = open(&args.volume, &args.file, console)?;
     args.file.check_use(uses).map_err(Wrong::option)?;
     for note in &opened.notes {
         console.say(format_args!("{}: {note}", args.volume.display()));
     }
     match opened.content {
-        Content::Volume(volume) => Ok(volume),
+        Content::Volume(volume) => Ok(Field::Regular(volume)),
+        Content::Irregular(volume) if volume.arrangement() == Arrangement::Scattered => {
+            Err(anyhow!("scattered samples have no cells, and so no surfaces"))
+        }
+        Content::Irregular(volume) => Ok(Field::Irregular(volume)),
         _ => Err(anyhow!("it is no volume")),
     }
 }
 
-/// Where surfels of a grid go: its sample (0, 0, 0) in the world, if single precision has room for them there.
-fn place_of(Grid { dims, frame }: Grid, console: Console) -> DVec3 {
-    let extent = (frame.spacing * DVec3::from(dims.map(|d| d as f64))).length();
-    let farthest = frame.origin.abs().max_element() + extent;
+/// How far a grid reaches from its sample (0, 0, 0).
+fn reach(Grid { dims, frame }: Grid) -> f64 {
+    (frame.spacing * DVec3::from(dims.map(|d| d as f64))).length()
+}
+
+/// Where surfels of a frame go: its origin in the world, if single precision has room for them as far from there as they reach.
+fn place_of(frame: GridFrame, reach: f64, console: Console) -> DVec3 {
+    let farthest = frame.origin.abs().max_element() + reach;
     // A surfel's σ is two thirds of a step; rounding may move it by a hundredth.
     if farthest * f64::from(f32::EPSILON) / 2.0 <= frame.spacing.max_element() / 150.0 {
         return frame.origin;

@@ -39,6 +39,7 @@ pub(super) struct VolumeTable {
     sample_type: Option<SampleKind>,
     endian: Option<ByteOrder>,
     spacing: Option<[f64; 3]>,
+    flow: Option<PathBuf>,
     iso: Option<Vec<f32>>,
     iso_color: Option<Colors>,
     transfer: Option<String>,
@@ -174,6 +175,7 @@ impl SourceTable for VolumeTable {
             sample_type: self.sample_type,
             endian: self.endian,
             spacing: self.spacing,
+            flow: self.flow.map(|path| folder.join(path)),
             ..FileOptions::default()
         };
         file.check()?;

@@ -1,7 +1,5 @@
 //! Merging where a surface is flat.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot go on stops")]
-
 use glam::{Mat3, Vec3};
 use oblate_engine::{Cloud, Material, Shapes, Splats, Strength, Surface};
 use oblate_surfels::{Density, Deviation, MergeError, Mesh, SamplerSettings, merge_flat, primitives, sample};

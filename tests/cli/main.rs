@@ -8,6 +8,7 @@ mod convert;
 mod data;
 mod extract;
 mod instances;
+mod irregular;
 mod pick;
 mod place;
 mod points;

@@ -2,13 +2,15 @@
 //!
 //! A [`Volume`] becomes splats in two ways, and both can be drawn together: [`to_kernels`] turns each sample
 //! that a [`TransferFunction`] makes visible into an extinction kernel, and a [`Classifier`] does so again each
-//! time the function changes; [`iso_surfels`] samples the surface at a value. [`PRESETS`] and [`propose_iso`]
+//! time the function changes; [`iso_surfels`] samples the surface at a value. An [`IrregularVolume`], whose samples lie on no regular grid, does
+//! the same by its [`Partition`] and [`IrregularVolume::iso_surfels`]. [`PRESETS`] and [`propose_iso`]
 //! look at the volume's [`Histogram`] when the user says nothing. [`painted`] gives splats the colours of another volume.
 
 mod brick;
 mod classify;
 mod field;
 pub mod histogram;
+pub mod irregular;
 pub mod iso;
 pub mod kernels;
 pub mod paint;
@@ -19,9 +21,10 @@ mod transfer_text;
 pub mod volume;
 
 pub use histogram::{Classes, Histogram, propose_iso};
+pub use irregular::{Arrangement, IrregularError, IrregularExtractor, IrregularVolume, Partition, Residual};
 pub use iso::{
-    COVERAGE_FLOOR, Grid, Interpolation, IsoError, IsoExtractor, IsoSettings, IsoSurfel, IsoSurfels,
-    SURFEL_BLUR, iso_surfels, stream_iso_surfels,
+    COVERAGE_FLOOR, Grid, IRREGULAR_COVERAGE_FLOOR, Interpolation, IsoError, IsoExtractor, IsoSettings,
+    IsoSurfel, IsoSurfels, SURFEL_BLUR, iso_surfels, stream_iso_surfels,
 };
 pub use kernels::{Classifier, Flattening, KERNEL_SIGMA, KernelSettings, to_kernels};
 pub use paint::painted;

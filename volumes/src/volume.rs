@@ -146,6 +146,11 @@ impl Volume {
         &self.voxels
     }
 
+    /// The samples alone.
+    pub fn into_voxels(self) -> Voxels {
+        self.voxels
+    }
+
     /// Where they lie.
     pub fn frame(&self) -> GridFrame {
         self.frame

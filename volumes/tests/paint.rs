@@ -1,7 +1,5 @@
 //! A cloud in the colours of a second volume.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot go on stops")]
-
 use glam::{DAffine3, DMat3, DVec3};
 use oblate_volumes::{
     ColorSpace, ControlPoint, GridFrame, IsoSettings, StrengthKind, TransferFunction, Volume, Voxels,

@@ -133,6 +133,10 @@ pub fn save(
         (Content::Splats { splats, blend }, target) if !target.holds_volumes() => {
             save_splats(splats, (*blend, up), target, out)
         }
+        (Content::Irregular(_), target) if target.holds_volumes() => Err(ExportError::Unsuited(format!(
+            "{} holds regular grids; the samples of this one lie elsewhere",
+            target.name()
+        ))),
         _ if target.holds_volumes() => {
             Err(ExportError::Unsuited(format!("{} holds volumes; this is none", target.name())))
         }

@@ -95,17 +95,19 @@ fn type_name(voxels: &Voxels) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::OpenOptions;
     use crate::export::samples::tests::{close, frame, volumes};
     use crate::file::File;
     use crate::volumes::vtk::xml::read;
+    use crate::{Content, OpenOptions};
     use oblate_volumes::GridFrame;
     use proptest::prelude::*;
 
     fn there_and_back(volume: &Volume, packing: Packing) -> Volume {
         let mut bytes = Vec::new();
         assert_eq!(write(volume, packing, &mut bytes).unwrap(), []);
-        read(&File { path: "a.vti".into(), bytes }, &OpenOptions::default()).unwrap()
+        let opened = read(&File { path: "a.vti".into(), bytes }, &OpenOptions::default());
+        let Content::Volume(volume) = opened.unwrap().content else { panic!("a volume is expected") };
+        volume
     }
 
     #[test]

@@ -14,11 +14,11 @@ pub(crate) fn of_edges(origin: DVec3, edges: DMat3) -> GridFrame {
     GridFrame { spacing, origin, direction }
 }
 
-/// First coordinate and step of an axis whose steps are all the same.
+/// First coordinate and step of an axis whose steps are all the same; `None` where they are not.
 ///
 /// Steps may differ by 1e-4 of their mean and by `rounding`, the relative spacing of the number type that the
 /// coordinates are written in, of the largest coordinate. A single coordinate has a step of 1.
-pub(crate) fn uniform(coordinates: &[f64], rounding: f64) -> Result<(f64, f64), String> {
+pub(crate) fn steps(coordinates: &[f64], rounding: f64) -> Result<Option<(f64, f64)>, String> {
     let (Some(&first), Some(&last)) = (coordinates.first(), coordinates.last()) else {
         return Err("there are no coordinates".into());
     };
@@ -26,7 +26,7 @@ pub(crate) fn uniform(coordinates: &[f64], rounding: f64) -> Result<(f64, f64), 
         return Err(format!("coordinate {at} is {}", coordinates[at]));
     }
     if coordinates.len() == 1 {
-        return Ok((first, 1.0));
+        return Ok(Some((first, 1.0)));
     }
     let step = (last - first) / (coordinates.len() - 1) as f64;
     let steps = || coordinates.windows(2).map(|pair| pair[1] - pair[0]);
@@ -38,13 +38,5 @@ pub(crate) fn uniform(coordinates: &[f64], rounding: f64) -> Result<(f64, f64), 
         ));
     }
     let tolerance = 1e-4 * step.abs() + rounding * first.abs().max(last.abs());
-    if steps().all(|s| (s - step).abs() <= tolerance) {
-        return Ok((first, step));
-    }
-    let (least, most) =
-        steps().map(f64::abs).fold((f64::INFINITY, 0.0_f64), |(l, m), s| (l.min(s), m.max(s)));
-    Err(format!(
-        "steps from {least} to {most} (a ratio of {:.4}) are not supported; resample to equal steps",
-        most / least
-    ))
+    Ok(steps().all(|s| (s - step).abs() <= tolerance).then_some((first, step)))
 }

@@ -7,6 +7,7 @@ pub(crate) mod frame;
 pub mod meta_image;
 pub mod nifti;
 pub mod nrrd;
+pub mod plot3d;
 pub mod raw;
 mod slice;
 pub mod slices;

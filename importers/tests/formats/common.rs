@@ -4,7 +4,7 @@ use glam::DVec3;
 use oblate_engine::Splats;
 use oblate_importers::{Content, ImportError, OpenOptions, Opened, open};
 use oblate_surfels::{Mesh, PointCloud, Primitive};
-use oblate_volumes::Volume;
+use oblate_volumes::{IrregularVolume, Volume};
 use std::fs;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -77,6 +77,14 @@ pub(crate) fn volume(opened: Result<Opened, ImportError>) -> Volume {
     match opened.unwrap_or_else(|error| panic!("{error}")).content {
         Content::Volume(volume) => volume,
         _ => panic!("a volume is expected"),
+    }
+}
+
+#[track_caller]
+pub(crate) fn irregular(opened: Result<Opened, ImportError>) -> IrregularVolume {
+    match opened.unwrap_or_else(|error| panic!("{error}")).content {
+        Content::Irregular(volume) => volume,
+        _ => panic!("irregular samples are expected"),
     }
 }
 

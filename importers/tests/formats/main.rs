@@ -16,6 +16,7 @@ mod nrrd;
 mod obj;
 mod packed;
 mod pcd;
+mod plot3d;
 mod ply;
 mod raw;
 mod real_data;

@@ -3,9 +3,10 @@
 
 use crate::common::{Folder, png};
 use crate::seeds::{self, Seed};
-use oblate_engine::Cloud;
+use oblate_engine::{Cloud, Material};
 use oblate_importers::{Content, Opened};
 use oblate_surfels::{PointError, PointSettings, point_surfels};
+use oblate_volumes::{Interpolation, PRESETS, Partition};
 use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::Index;
@@ -69,6 +70,15 @@ pub(crate) fn check(opened: &Opened) {
     let mesh = match &opened.content {
         Content::Mesh(mesh) => mesh,
         Content::Volume(_) => return,
+        Content::Irregular(volume) => {
+            let Ok(transfer) = PRESETS[0].fit(volume.samples()) else { return };
+            // Masses may be too large for single precision, which is said.
+            let _ = Partition::new(volume).kernels(&transfer, Material::default());
+            let value = volume.samples().value_range().map_or(0.0, |[low, high]| 0.5 * low + 0.5 * high);
+            let surfels = volume.iso_surfels(value, Interpolation::Trilinear).unwrap();
+            assert!(surfels.iter().all(|surfel| surfel.center.is_finite() && surfel.area > 0.0));
+            return;
+        }
         Content::Splats { splats, .. } => {
             assert!(Cloud::new(splats.clone()).is_ok_and(|cloud| !cloud.is_empty()));
             return;
@@ -135,7 +145,7 @@ macro_rules! mutated {
     };
 }
 
-mutated!(dicom gltf gltf_splats ksplat las laz_layered laz_pointwise meta_image nifti nrrd obj packed pcd ply points raw sog splat splats spz stl surfels tiff vti vtk xyz);
+mutated!(dicom gltf gltf_splats ksplat las laz_layered laz_pointwise meta_image nifti nrrd obj packed pcd plot3d ply points raw sog splat splats spz stl surfels tiff vti vtk xyz);
 
 #[cfg(feature = "meshopt")]
 #[test]

@@ -1,13 +1,13 @@
 //! Files that others wrote. Without `OBLATE_DATA` or `../shared/data` these tests skip, unless
 //! `OBLATE_REQUIRE_DATA=1`.
 
-use crate::common::{Folder, mesh, points, refused, splats, volume};
+use crate::common::{Folder, irregular, mesh, points, refused, splats, volume};
 use glam::{DVec3, Vec3};
 use oblate_engine::color::linear_to_srgb;
 use oblate_engine::{Blend, OpacityFilter, Splats, Strength};
 use oblate_importers::{Content, Endian, OpenOptions, RawLayout, SampleType, open};
 use oblate_surfels::{Mesh, Primitive};
-use oblate_volumes::{Volume, Voxels};
+use oblate_volumes::{Partition, Residual, Volume, Voxels};
 use std::io::Read;
 use std::path::PathBuf;
 
@@ -77,6 +77,28 @@ fn head_is_big_endian() {
     assert!(matches!(head.voxels(), Voxels::U16(_)));
     assert_eq!(range(&head), (0.0, 3272.0));
     assert_eq!(head.frame().spacing, spacing);
+}
+
+/// Density of two flows and what a solver left of a room's air, as grids of hexahedra.
+#[test]
+fn irregular_grids() {
+    for (name, dims, range) in [
+        ("bluntfinxyz.bin", [40, 32, 32], [0.1926, 4.9775]),
+        ("bluntfinq.bin", [40, 32, 32], [0.1926, 4.9775]),
+        ("combxyz.bin", [57, 33, 25], [0.197_813_1, 0.710_419_24]),
+        ("office.binary.vtk", [21, 20, 20], [-3.869_559, 0.718_560_3]),
+    ] {
+        let Some(path) = data(&format!("irregular/{name}")) else { return };
+        let volume = irregular(open(path, &OpenOptions::default()));
+        assert_eq!(volume.samples().dims(), dims, "{name}");
+        assert_eq!(volume.samples().value_range(), Some(range), "{name}");
+        let Residual { range, rms, before } = Partition::new(&volume).residual();
+        println!(
+            "{name}: kernels add up to {range:.3?}, rms {rms:.4}; before {:.3?}, rms {:.4}",
+            before.0, before.1
+        );
+        assert!(rms < 0.5 * before.1, "{name}");
+    }
 }
 
 /// As the data set is handed out: 113 files of one slice.

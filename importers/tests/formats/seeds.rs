@@ -98,6 +98,19 @@ pub(crate) fn vtk() -> Vec<Seed> {
         alone("a.vtk", crate::vtk::legacy("ASCII", as_text().as_bytes())),
         alone("a.vtk", rectilinear),
         alone("a.vtr", crate::vtk::rectilinear_xml()),
+        alone("a.vtk", crate::vtk::structured_legacy("BINARY")),
+        alone("a.vtk", crate::vtk::structured_legacy("ASCII")),
+        alone("a.vtk", crate::vtk::unstructured("3.0")),
+        alone("a.vtk", crate::vtk::unstructured("5.1")),
+        alone("a.vts", crate::vtk::structured_xml()),
+    ]
+}
+
+pub(crate) fn plot3d() -> Vec<Seed> {
+    let [points, flow] = crate::plot3d::pair();
+    vec![
+        Seed { name: "a.x", bytes: points.clone(), beside: vec![("a.q", flow.clone())] },
+        Seed { name: "a.q", bytes: flow, beside: vec![("a.x", points)] },
     ]
 }
 

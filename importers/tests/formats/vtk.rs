@@ -1,8 +1,10 @@
 use crate::common::{
-    DIMS, Folder, as_text, assert_corner_marked, assert_corners_at, corner_marked, refused, volume, written,
+    DIMS, Folder, as_text, assert_corner_marked, assert_corners_at, corner_marked, irregular, refused,
+    volume, written,
 };
 use glam::DVec3;
 use oblate_importers::OpenOptions;
+use oblate_volumes::Arrangement;
 
 const POINTS: &str =
     "DATASET STRUCTURED_POINTS\nDIMENSIONS 4 3 2\nORIGIN 1 2 3\nSPACING 0.5 1 -2\nPOINT_DATA 24\n";
@@ -42,6 +44,45 @@ fn xml(coordinates: [&str; 3]) -> String {
         "<VTKFile type=\"RectilinearGrid\"><RectilinearGrid WholeExtent=\"0 3 0 2 0 1\"><Piece Extent=\"0 3 0 2 0 1\">\
          <PointData><DataArray type=\"UInt8\" format=\"ascii\">{}</DataArray></PointData><Coordinates>{coordinates}\
          </Coordinates></Piece></RectilinearGrid></VTKFile>",
+        as_text()
+    )
+}
+
+/// Where the points of test grids are: no two steps are alike.
+pub(crate) fn place(index: [usize; 3]) -> DVec3 {
+    let [i, j, k] = index.map(|i| i as f64);
+    DVec3::new(i + 0.25 * i * i + 0.125 * k, 2.0 * j + 0.25 * i, 0.5 * k + 0.25 * k * k + 0.125 * j)
+}
+
+/// All of a grid, the first axis the fastest.
+pub(crate) fn places([nx, ny, nz]: [usize; 3]) -> Vec<DVec3> {
+    let index = |n: usize| [n % nx, n / nx % ny, n / (nx * ny)];
+    (0..nx * ny * nz).map(|n| place(index(n))).collect()
+}
+
+/// A curvilinear grid with the corner-marked samples.
+pub(crate) fn structured_legacy(encoding: &str) -> Vec<u8> {
+    let coordinates = places(DIMS).into_iter().flat_map(|point| point.to_array());
+    let (numbers, samples) = if encoding == "BINARY" {
+        (coordinates.flat_map(|c| (c as f32).to_be_bytes()).collect(), corner_marked())
+    } else {
+        (coordinates.map(|c| format!("{c} ")).collect::<String>().into_bytes(), as_text().into_bytes())
+    };
+    let head = b"DATASET STRUCTURED_GRID\nDIMENSIONS 4 3 2\nPOINTS 24 float\n".as_slice();
+    let rest = [head, &numbers, format!("\nPOINT_DATA 24\n{SCALARS}").as_bytes(), &samples].concat();
+    let whole = file(encoding, "", b"");
+    [&whole[..whole.len() - 1], &rest].concat()
+}
+
+/// The same in XML.
+pub(crate) fn structured_xml() -> String {
+    let coordinates: String =
+        places(DIMS).iter().map(|point| format!("{} {} {} ", point.x, point.y, point.z)).collect();
+    format!(
+        "<VTKFile type=\"StructuredGrid\"><StructuredGrid WholeExtent=\"0 3 0 2 0 1\"><Piece Extent=\"0 3 0 2 0 1\">\
+         <PointData><DataArray type=\"UInt8\" format=\"ascii\">{}</DataArray></PointData>\
+         <Points><DataArray type=\"Float64\" NumberOfComponents=\"3\" format=\"ascii\">{coordinates}</DataArray></Points>\
+         </Piece></StructuredGrid></VTKFile>",
         as_text()
     )
 }
@@ -154,13 +195,120 @@ fn rectilinear_grids_with_equal_steps() {
 }
 
 #[test]
-fn rectilinear_grids_with_unequal_steps_are_refused() {
+fn structured_grids_keep_their_points() {
+    let folder = Folder::new();
+    for (name, bytes) in [
+        ("a.vtk", structured_legacy("BINARY")),
+        ("a.vtk", structured_legacy("ASCII")),
+        ("a.vts", structured_xml().into_bytes()),
+    ] {
+        let volume = irregular(folder.open(name, bytes));
+        // All coordinates are eighths, which single precision and text keep.
+        assert_eq!(volume.points(), places(DIMS));
+        assert_corner_marked(&volume.samples().clone().with_frame(Default::default()).unwrap());
+    }
+    // Of cells: the middles of corners.
+    let text = String::from_utf8(structured_legacy("ASCII")).unwrap();
+    let of_cells = "CELL_DATA 6\nSCALARS a short\nLOOKUP_TABLE default\n1 2 3 4 5 6\n";
+    let refused = text.split("POINT_DATA").next().unwrap().to_owned() + of_cells;
+    // One layer of cells has no neighbours along z.
+    folder.refused("a.vtk", refused, &["3x2x1 points", "two or more"]);
+    let points: String = places([3, 3, 3]).iter().map(|p| format!("{} {} {}\n", p.x, p.y, p.z)).collect();
+    let values = (1..9).map(|i| i.to_string()).collect::<Vec<_>>().join(" ");
+    let text = format!(
+        "# vtk DataFile Version 3.0\n\nASCII\nDATASET STRUCTURED_GRID\nDIMENSIONS 3 3 3\nPOINTS 27 double\n{points}\
+         CELL_DATA 8\nSCALARS a short\nLOOKUP_TABLE default\n{values}\n"
+    );
+    let volume = irregular(folder.open("a.vtk", text));
+    let corners = |bits: usize| place([1 + (bits & 1), bits >> 1 & 1, bits >> 2]);
+    let middle = (0..8).map(corners).sum::<DVec3>() / 8.0;
+    assert_eq!((volume.points()[1], volume.samples().value([1, 0, 0])), (middle, 2.0));
+}
+
+/// Tetrahedra of which only the corners count, as versions before 5 and from there on write them.
+pub(crate) fn unstructured(version: &str) -> String {
+    let points: String = places(DIMS).iter().map(|p| format!("{} {} {}\n", p.x, p.y, p.z)).collect();
+    let cells = match version {
+        "5.1" => "CELLS 3 8\nOFFSETS vtktypeint64\n0 4 8\nCONNECTIVITY vtktypeint64\n0 1 4 12 1 2 5 13\n",
+        _ => "CELLS 2 10\n4 0 1 4 12\n4 1 2 5 13\n",
+    };
+    format!(
+        "# vtk DataFile Version {version}\n\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 24 float\n{points}{cells}\
+         CELL_TYPES 2\n10 10\nPOINT_DATA 24\n{SCALARS}{}\n",
+        as_text()
+    )
+}
+
+#[test]
+fn unstructured_grids_are_scattered_points() {
+    let folder = Folder::new();
+    for version in ["3.0", "5.1"] {
+        let volume = irregular(folder.open("a.vtk", unstructured(version)));
+        assert_eq!(volume.arrangement(), Arrangement::Scattered);
+        assert_eq!(volume.points(), places(DIMS));
+        assert_eq!(volume.samples().value([3, 0, 0]), 2.0);
+    }
+    folder.refused("a.vtk", unstructured("5.1").replace("CONNECT", "CONECT"), &["CONNECTIVITY is expected"]);
+    folder.refused("a.vtk", unstructured("3.0").replace("POINTS 24", "POINTS 23"), &["is no word"]);
+    let head = unstructured("3.0").split("POINT_DATA").next().unwrap().to_owned();
+    let of_cells = head + "CELL_DATA 2\nSCALARS a short\nLOOKUP_TABLE default\n1 2\n";
+    folder.refused("a.vtk", of_cells, &["cell data"]);
+}
+
+#[test]
+fn broken_structured_grids_are_refused() {
+    let folder = Folder::new();
+    let text = String::from_utf8(structured_legacy("ASCII")).unwrap();
+    let refuse = |from: &str, to: &str, parts: &[&str]| {
+        assert!(text.contains(from), "{from}");
+        folder.refused("a.vtk", text.replacen(from, to, 1), parts);
+    };
+    refuse("DIMENSIONS 4 3 2", "DIMENSIONS 4 3 3", &["24 points", "[4, 3, 3]"]);
+    refuse("DIMENSIONS 4 3 2", "DIMENSIONS 24 1 1", &["24x1x1 points", "two or more"]);
+    refuse("DIMENSIONS 4 3 2\n", "", &["DIMENSIONS are missing"]);
+    refuse("POINTS 24", "POINTS 23", &["is no word"]);
+    refuse("POINTS 24", "POINTS 25", &["is no number"]);
+    refuse("POINTS 24", "POINTS 6148914691236517206", &["ends before"]);
+    let binary = structured_legacy("BINARY");
+    folder.refused("a.vtk", &binary[..200], &["24 times 3", "ends before"]);
+    let flat = places(DIMS).iter().map(|p| format!("{} {} 0 ", p.x, p.y)).collect::<String>();
+    let head = text.split("float\n").next().unwrap().to_owned();
+    let tail = &text[text.find("POINT_DATA").unwrap()..];
+    folder.refused("a.vtk", format!("{head}float\n{flat}\n{tail}"), &["no volume"]);
+    let xml = structured_xml();
+    folder.refused("a.vts", xml.replace("\"3\"", "\"1\""), &["1 components", "three"]);
+    folder.refused(
+        "a.vts",
+        xml.replace("<Points>", "<Pints>").replace("</Points>", "</Pints>"),
+        &["no Points"],
+    );
+    folder.refused("a.vts", xml.replacen("0 3 0 2 0 1", "0 3 0 2 0 2", 1), &["Extent"]);
+    let spaced = OpenOptions { spacing: Some(DVec3::ONE), ..OpenOptions::default() };
+    let opened = folder.open_with("a.vtk", structured_legacy("BINARY"), &spaced).unwrap();
+    assert!(opened.notes[0].to_string().contains("spacing"), "{:?}", opened.notes);
+}
+
+#[test]
+fn rectilinear_grids_keep_unequal_steps() {
+    let folder = Folder::new();
+    let volume = irregular(folder.open("a.vtr", xml(["0 1 3 4", "5 3 2", "0 1"])));
+    assert_corner_marked(&volume.samples().clone().with_frame(Default::default()).unwrap());
+    assert_eq!(volume.points()[2], DVec3::new(3.0, 5.0, 0.0));
+    assert_eq!(volume.points()[23], DVec3::new(4.0, 2.0, 1.0));
+    assert_eq!(volume.bounds(), [DVec3::new(0.0, 2.0, 0.0), DVec3::new(4.0, 5.0, 1.0)]);
+    irregular(folder.open("a.vtr", xml(["0 1 2 3", "0 1 2.001", "0 1"])));
+    let legacy = String::from_utf8(rectilinear_legacy()).unwrap();
+    // The middles of 0 1 2 3 5.
+    let cells = irregular(folder.open("a.vtk", legacy.replace("0 1 2 3 4\n", "0 1 2 3 5\n")));
+    assert_eq!(cells.points()[3], DVec3::new(4.0, 5.0, -0.75));
+}
+
+#[test]
+fn coordinates_that_are_no_grid_are_refused() {
     let folder = Folder::new();
     let refuse = |coordinates: [&str; 3], parts: &[&str]| {
         folder.refused("a.vtr", xml(coordinates), parts);
     };
-    refuse(["0 1 3 4", "0 1 2", "0 1"], &["line 5", "x coordinates", "from 1 to 2", "ratio of 2.0000"]);
-    refuse(["0 1 2 3", "0 1 2.001", "0 1"], &["y coordinates", "ratio of 1.001"]);
     refuse(["0 1 2 3", "0 1 1", "0 1"], &["y coordinates", "1 follows 1"]);
     refuse(["0 1 2 3", "0 1 2", "3 3"], &["z coordinates", "rise or fall"]);
     refuse(["0 1 inf 3", "0 1 2", "0 1"], &["x coordinates", "coordinate 2 is inf"]);
@@ -182,7 +330,7 @@ fn what_is_wrong_is_said() {
         assert!(text.contains(from), "{from}");
         folder.refused("a.vtk", text.replace(from, to), parts);
     };
-    for other in ["STRUCTURED_GRID", "UNSTRUCTURED_GRID", "POLYDATA"] {
+    for other in ["POLYDATA", "FIELD"] {
         refuse("STRUCTURED_POINTS", other, &["line 4", &format!("DATASET {other};"), "RECTILINEAR_GRID"]);
     }
     refuse("ASCII", "EBCDIC", &["line 3", "EBCDIC", "ASCII or BINARY"]);
@@ -213,7 +361,7 @@ fn what_is_wrong_is_said() {
     let binary = legacy("BINARY", &corner_marked());
     folder.refused("a.vtk", &binary[..binary.len() - 2], &["byte", "24 times 1"]);
     let vtr = rectilinear_xml().replace("RectilinearGrid", "UnstructuredGrid");
-    folder.refused("a.vtr", vtr, &["UnstructuredGrid", "RectilinearGrid are supported"]);
+    folder.refused("a.vtr", vtr, &["UnstructuredGrid", "RectilinearGrid, StructuredGrid are supported"]);
     for compressor in ["vtkLZ4DataCompressor", "vtkLZMADataCompressor"] {
         let vtr = rectilinear_xml().replace("<VTKFile", &format!("<VTKFile compressor=\"{compressor}\""));
         let vtr = vtr.replace("\"ascii\"", "\"binary\"");

@@ -1,7 +1,6 @@
 //! Point clouds to surfels: a disc for each point, in the plane that its neighbours lie about.
 
 mod color;
-mod neighbors;
 mod surfels;
 mod tangent;
 

@@ -1,12 +1,12 @@
 //! From points to a cloud of surfels.
 
 use super::color::colors;
-use super::neighbors::{Found, Leaf, Tree};
 use super::tangent::{Polygon, Spread, cell_area, spread};
 use super::{PointCloud, PointError, PointSettings};
 use glam::{DAffine3, DVec3, Vec3};
 use oblate_engine::Cloud;
 use oblate_engine::cloud::{Shapes, Splats, Strength, Surface, oblate_factor};
+use oblate_engine::neighbors::{Found, Leaf, Tree};
 use rayon::prelude::*;
 use std::f32::consts::PI;
 

@@ -77,7 +77,7 @@ impl<V: Borrow<Volume>> IsoExtractor<V> {
             let search = Search::new(slab, &self.hierarchy, &geometry, (value, interpolation));
             surfels.open = find(&search, &mut surfels.blocks);
         });
-        surfels.frame = volume.frame();
+        (surfels.frame, surfels.irregular) = (volume.frame(), false);
         Ok(())
     }
 }

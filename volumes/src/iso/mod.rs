@@ -32,12 +32,15 @@ pub use streaming::{Grid, stream_iso_surfels};
 pub use surfel::{Interpolation, IsoSurfel, SURFEL_BLUR};
 pub use surfels::IsoSurfels;
 
-use crate::volume::Volume;
+use crate::volume::{Volume, VolumeError};
 
 /// The least summed coverage of iso-surfels on surfaces whose radius of curvature is at least five of the
 /// grid's longest steps, three radii away from borders. On a sphere of radius r it falls by 3σ²/r², since
 /// surfels are flat, and by the polygons' lack of area.
 pub const COVERAGE_FLOOR: f32 = 0.9;
+
+/// The least summed coverage of iso-surfels of irregular volumes on planes, where steps double from one cell to the next along all axes at once.
+pub const IRREGULAR_COVERAGE_FLOOR: f32 = 0.7;
 
 /// How [`iso_surfels`] makes surfels.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -110,6 +113,9 @@ pub enum IsoError {
         /// How many came.
         found: usize,
     },
+    /// The samples do not make a volume.
+    #[error(transparent)]
+    Volume(#[from] VolumeError),
     /// The surfels do not make a cloud.
     #[error(transparent)]
     Cloud(#[from] CloudError),

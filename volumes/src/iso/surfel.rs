@@ -40,6 +40,12 @@ impl IsoSurfel {
         Self { center: Vec3::new(x, y, z), half_axes, area }
     }
 
+    /// What [`Self::new`] takes.
+    pub(super) fn numbers(self) -> [f32; NUMBERS] {
+        let ([x, y, z], [u, v]) = (self.center.to_array(), self.half_axes);
+        [x, y, z, u.x, u.y, u.z, v.x, v.y, v.z, self.area]
+    }
+
     /// The unit normal of the surface, towards lower values.
     pub fn normal(&self) -> Vec3 {
         let [u, v] = self.half_axes;

@@ -4,18 +4,21 @@ use std::iter::repeat;
 use std::ops::Range;
 
 use bytemuck::allocation::cast_vec;
-use glam::DAffine3;
+use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
 use oblate_engine::{Cloud, Shapes, Splats, Strength, Surface, Surfel, SurfelLook};
 
 use super::surfel::{IsoSurfel, NUMBERS};
-use super::{COVERAGE_FLOOR, IsoError, IsoSettings};
+use super::{COVERAGE_FLOOR, IRREGULAR_COVERAGE_FLOOR, IsoError, IsoSettings};
 use crate::volume::GridFrame;
 
 /// About the largest standard deviation of a surfel, in steps: no polygon in a cell has much more than 1/6 as
 /// its variance along an axis.
 const SURFEL_RADIUS: f64 = 0.8;
+
+/// The standard deviation of a surfel along its longer half-axis, in steps, on average.
+const MEAN_RADIUS: f64 = 0.7;
 
 /// The surfels of a surface: 40 bytes each, block of cells by block, in Morton order of bricks of 8×8×8 cells.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -23,6 +26,8 @@ pub struct IsoSurfels {
     pub(super) blocks: Vec<Block>,
     pub(super) open: bool,
     pub(super) frame: GridFrame,
+    /// Whether its cells were cubes of index space that lie elsewhere.
+    pub(super) irregular: bool,
 }
 
 /// The surfels of a block of cells.
@@ -33,6 +38,12 @@ pub(super) struct Block {
 }
 
 impl Block {
+    fn mapped(&self, to: &impl Fn(IsoSurfel) -> Option<IsoSurfel>) -> Self {
+        let surfels: Vec<[f32; NUMBERS]> = self.iter().filter_map(to).map(IsoSurfel::numbers).collect();
+        let number = |number: usize| surfels.iter().map(move |numbers| numbers[number]);
+        Self { numbers: (0..NUMBERS).flat_map(number).collect() }
+    }
+
     fn len(&self) -> usize {
         self.numbers.len() / NUMBERS
     }
@@ -88,6 +99,28 @@ impl IsoSurfels {
         self.frame
     }
 
+    /// The same surface elsewhere: each surfel as `to` makes it, relative to the frame's origin; what it makes nothing of is left out. The
+    /// frame's spacing becomes that of surfels as long as these are, on average by area.
+    pub(crate) fn mapped(self, frame: GridFrame, to: impl Fn(IsoSurfel) -> Option<IsoSurfel> + Sync) -> Self {
+        let blocks: Vec<Block> = self.blocks.into_par_iter().map(|block| block.mapped(&to)).collect();
+        let of_block = |[areas, lengths]: [f64; 2], surfel: IsoSurfel| {
+            let area = f64::from(surfel.area);
+            [areas + area, lengths + area * f64::from(surfel.half_axes[0].length())]
+        };
+        let [areas, lengths] = blocks.iter().flat_map(Block::iter).fold([0.0; 2], of_block);
+        let spacing = if areas > 0.0 { lengths / areas / MEAN_RADIUS } else { 1.0 };
+        Self {
+            blocks,
+            open: self.open,
+            irregular: true,
+            frame: GridFrame { spacing: DVec3::splat(spacing), ..frame },
+        }
+    }
+
+    fn coverage_floor(&self) -> f32 {
+        if self.irregular { IRREGULAR_COVERAGE_FLOOR } else { COVERAGE_FLOOR }
+    }
+
     /// As splats, relative to the grid's sample (0, 0, 0).
     pub fn splats(&self, settings: &IsoSettings) -> Splats {
         self.splats_of(&self.blocks, settings)
@@ -110,7 +143,7 @@ impl IsoSurfels {
                 areas: arrays.areas,
                 opacities: (settings.opacity < 1.0).then(|| vec![settings.opacity; len]),
                 depth_tolerance: self.depth_tolerance(),
-                coverage_floor: COVERAGE_FLOOR,
+                coverage_floor: self.coverage_floor(),
                 closed: self.is_closed(),
             }),
             colors: cast_vec(arrays.colors),
@@ -130,7 +163,7 @@ impl IsoSurfels {
             color: settings.color,
             opacity: settings.opacity,
             depth_tolerance: self.depth_tolerance(),
-            coverage_floor: COVERAGE_FLOOR,
+            coverage_floor: self.coverage_floor(),
             closed: self.is_closed(),
             material: settings.material,
         };

@@ -2,17 +2,16 @@
 //!
 //! Source: *VTK File Formats* (docs.vtk.org), simple legacy formats, versions 1 to 5; where it is silent, VTK's reader
 //! (`vtkDataReader.cxx`): words in any case, binary numbers big-endian behind the end of their header's line, `long` of
-//! 64 bits, `vtkIdType` of 32. Datasets `STRUCTURED_POINTS` and, with equal steps, `RECTILINEAR_GRID`. Of `SCALARS`
+//! 64 bits, `vtkIdType` of 32. Datasets `STRUCTURED_POINTS`, `RECTILINEAR_GRID`, `STRUCTURED_GRID`, and `UNSTRUCTURED_GRID` as scattered points. Of `SCALARS`
 //! and `FIELD` arrays the first of one component is taken, point data before cell data; vectors, normals,
 //! texture coordinates, tensors, ids, lookup tables and metadata are passed over.
 
-use super::grid::{Coordinates, PointGrid};
+use super::grid::{Coordinates, Places, PointGrid, triples};
 use crate::file::{File, quoted};
 use crate::scalar::Scalar;
 use crate::volumes::voxels::{Layout, Samples};
-use crate::{Endian, ImportError, OpenOptions, Place};
+use crate::{Endian, ImportError, OpenOptions, Opened, Place};
 use glam::{DMat3, DVec3};
-use oblate_volumes::Volume;
 use std::borrow::Cow;
 use std::ops::Range;
 use std::str::FromStr;
@@ -22,6 +21,9 @@ pub(crate) const MAGIC: &[u8] = b"# vtk DataFile Version";
 
 /// Bytes of a word that are looked at: no keyword, type or number is longer, and messages quote words.
 const LONGEST: usize = 64;
+
+/// Datasets that are volumes.
+const KINDS: [&str; 4] = ["STRUCTURED_POINTS", "RECTILINEAR_GRID", "STRUCTURED_GRID", "UNSTRUCTURED_GRID"];
 
 /// A place in the file, from which words and numbers are taken.
 struct Reader<'a> {
@@ -40,7 +42,7 @@ struct Array {
 }
 
 /// Reads a volume.
-pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportError> {
+pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportError> {
     let mut reader = Reader { file, at: 0, is_text: false };
     reader.head()?;
     let grid = reader.dataset()?;
@@ -55,7 +57,7 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportE
         return Err(file.malformed(reader.place(array.numbers.start), problem));
     }
     let voxels = layout.voxels(file, &reader.samples(&array))?;
-    layout.placed(file, voxels, grid.frame(on_cells), options)
+    grid.volume((file, options), (&layout, voxels), on_cells)
 }
 
 impl<'a> Reader<'a> {
@@ -148,14 +150,14 @@ impl<'a> Reader<'a> {
             return Err(self.malformed(format!("{word:?} stands where DATASET is expected")));
         }
         let kind = self.keyword().unwrap_or_default();
-        if kind != "STRUCTURED_POINTS" && kind != "RECTILINEAR_GRID" {
-            let feature =
-                format!("DATASET {kind}; STRUCTURED_POINTS and RECTILINEAR_GRID are supported as volumes");
+        if !KINDS.contains(&&kind[..]) {
+            let feature = format!("DATASET {kind}; {} are supported as volumes", KINDS.join(", "));
             return Err(self.unsupported(feature));
         }
         let mut points = None;
         let (mut origin, mut spacing) = ([0.0; 3], [1.0; 3]);
         let mut axes = [None, None, None];
+        let mut places = None;
         loop {
             let before = self.at;
             let Some(word) = self.keyword() else { break };
@@ -166,6 +168,12 @@ impl<'a> Reader<'a> {
                 "X_COORDINATES" => axes[0] = Some(self.coordinates()?),
                 "Y_COORDINATES" => axes[1] = Some(self.coordinates()?),
                 "Z_COORDINATES" => axes[2] = Some(self.coordinates()?),
+                "POINTS" => places = Some(self.points()?),
+                "CELLS" => self.cells()?,
+                "CELL_TYPES" => {
+                    let count = self.number("a number of cells")?;
+                    self.array(Scalar::I32, 1, count)?;
+                }
                 "FIELD" | "METADATA" => self.pass_over(&word, 0)?,
                 "POINT_DATA" | "CELL_DATA" => {
                     self.at = before;
@@ -176,10 +184,24 @@ impl<'a> Reader<'a> {
                 }
             }
         }
+        if kind == "UNSTRUCTURED_GRID" {
+            let Some(places) = places else { return Err(self.malformed("POINTS are missing")) };
+            return Ok(PointGrid { points: [places.len(), 1, 1], places: Places::Scattered(places) });
+        }
         let Some(points) = points else { return Err(self.malformed("DIMENSIONS are missing")) };
         if kind == "STRUCTURED_POINTS" {
             let edges = DMat3::from_diagonal(DVec3::from_array(spacing));
-            return Ok(PointGrid { points, origin: DVec3::from_array(origin), edges });
+            let places = Places::Even { origin: DVec3::from_array(origin), edges };
+            return Ok(PointGrid { points, places });
+        }
+        if kind == "STRUCTURED_GRID" {
+            let Some(places) = places else { return Err(self.malformed("POINTS are missing")) };
+            let [x, y, z] = points;
+            if x.checked_mul(y).and_then(|n| n.checked_mul(z)) != Some(places.len()) {
+                let problem = format!("{} points; DIMENSIONS are {points:?}", places.len());
+                return Err(self.malformed(problem));
+            }
+            return Ok(PointGrid { points, places: Places::Each(places) });
         }
         let [Some(x), Some(y), Some(z)] = axes else {
             return Err(self.malformed("X_COORDINATES, Y_COORDINATES and Z_COORDINATES are needed"));
@@ -189,7 +211,33 @@ impl<'a> Reader<'a> {
         if counts != points {
             return Err(self.malformed(format!("{counts:?} coordinates; DIMENSIONS are {points:?}")));
         }
-        PointGrid::rectilinear(&axes).map_err(|problem| self.unsupported(problem))
+        PointGrid::rectilinear(axes).map_err(|problem| self.unsupported(problem))
+    }
+
+    /// `POINTS count type`, its word being taken.
+    fn points(&mut self) -> Result<Vec<DVec3>, ImportError> {
+        let count = self.number("a number of points")?;
+        let kind = self.scalar()?;
+        let array = self.array(kind, 3, count)?;
+        let layout = Layout { dims: [count, 3, 1], scalar: kind, endian: Endian::Big };
+        Ok(triples(&layout.numbers(self.file, &self.samples(&array))?))
+    }
+
+    /// `CELLS`, its word being taken: which points are corners of which cell is passed over. From version 5 on there are two arrays.
+    fn cells(&mut self) -> Result<(), ImportError> {
+        let [cells, numbers] = [self.number("a number of cells")?, self.number("a number of corners")?];
+        let before = self.at;
+        if self.keyword().is_none_or(|word| word != "OFFSETS") {
+            self.at = before;
+            return self.array(Scalar::I32, 1, numbers).map(drop);
+        }
+        let kind = self.scalar()?;
+        self.array(kind, 1, cells)?;
+        if self.keyword().is_none_or(|word| word != "CONNECTIVITY") {
+            return Err(self.malformed("CONNECTIVITY is expected after OFFSETS"));
+        }
+        let kind = self.scalar()?;
+        self.array(kind, 1, numbers).map(drop)
     }
 
     fn coordinates(&mut self) -> Result<Coordinates, ImportError> {

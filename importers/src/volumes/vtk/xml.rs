@@ -1,21 +1,19 @@
-//! VTI and VTR: VTK's ImageData and RectilinearGrid in XML.
+//! VTI, VTR and VTS: VTK's ImageData, RectilinearGrid and StructuredGrid in XML.
 //!
 //! Source: *VTK File Formats* (docs.vtk.org), XML formats. Arrays ascii, inline base64 or appended (raw or base64),
 //! uncompressed or by `vtkZLibDataCompressor`, in both byte orders; other compressors and several pieces are
 //! refused. An image's `Origin` is where index (0, 0, 0) lies, whatever the extent begins with; `Direction` is
-//! written row by row, its columns are the directions of the axes. A rectilinear grid's `Coordinates` must have
-//! equal steps along each axis.
+//! written row by row, its columns are the directions of the axes.
 
 use super::array::{Appended, Encoding, Stream};
-use super::grid::{Coordinates, PointGrid};
+use super::grid::{Coordinates, Places, PointGrid, triples};
 use crate::file::{File, quoted};
 use crate::inflate;
 use crate::scalar::Scalar;
 use crate::volumes::voxels::{Layout, Samples};
 use crate::volumes::xml;
-use crate::{Endian, ImportError, OpenOptions, Place};
+use crate::{Endian, ImportError, OpenOptions, Opened, Place};
 use glam::{DMat3, DVec3};
-use oblate_volumes::Volume;
 use roxmltree::Node;
 use std::borrow::Cow;
 
@@ -28,15 +26,18 @@ struct Arrays<'a> {
     limit: u64,
 }
 
+/// Datasets that are volumes.
+const KINDS: [&str; 3] = ["ImageData", "RectilinearGrid", "StructuredGrid"];
+
 /// Reads a volume.
-pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportError> {
+pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportError> {
     let (header, appended) = split(file)?;
     let document = xml::document(&header, file.bytes.len())
         .map_err(|(line, problem)| file.malformed(Place::Line(line), problem))?;
     let root = document.root_element();
     let kind = root.attribute("type").unwrap_or("nothing");
-    if !root.has_tag_name("VTKFile") || !["ImageData", "RectilinearGrid"].contains(&kind) {
-        let feature = format!("a VTK file of {kind}; ImageData and RectilinearGrid are supported");
+    if !root.has_tag_name("VTKFile") || !KINDS.contains(&kind) {
+        let feature = format!("a VTK file of {kind}; {} are supported", KINDS.join(", "));
         return Err(file.unsupported(place(root), feature));
     }
     let dataset = child(file, root, kind)?;
@@ -52,13 +53,14 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportE
     let arrays = Arrays { file, endian: endian(file, root)?, appended, limit: options.max_memory };
     let grid = match kind {
         "ImageData" => image(file, dataset, extent)?,
-        _ => arrays.rectilinear(piece, extent)?,
+        "RectilinearGrid" => arrays.rectilinear(piece, extent)?,
+        _ => arrays.structured(piece, extent)?,
     };
     let (array, on_cells) = scalars(file, piece)?;
     let dims = grid.dims(on_cells).map_err(|problem| file.malformed(place(dataset), problem))?;
     let layout = Layout { dims, scalar: scalar(file, array)?, endian: arrays.endian };
     let voxels = layout.voxels(file, &arrays.samples(array, &layout)?)?;
-    layout.placed(file, voxels, grid.frame(on_cells), options)
+    grid.volume((file, options), (&layout, voxels), on_cells)
 }
 
 fn place(node: Node<'_, '_>) -> Place {
@@ -149,7 +151,10 @@ fn image(file: &File, image: Node<'_, '_>, extent: Extent) -> Result<PointGrid, 
     let index_origin = DVec3::from_array(numbers(file, image, "Origin", Some([0.0; 3]))?);
     let edges = direction * DMat3::from_diagonal(spacing);
     let first = DVec3::new(extent[0] as f64, extent[2] as f64, extent[4] as f64);
-    Ok(PointGrid { points: points(extent), origin: index_origin + edges * first, edges })
+    Ok(PointGrid {
+        points: points(extent),
+        places: Places::Even { origin: index_origin + edges * first, edges },
+    })
 }
 
 /// What is written in an array itself; its keys (`InformationKey`) and comments are none of its numbers.
@@ -228,7 +233,20 @@ impl Arrays<'_> {
         };
         let points = points(extent);
         let [x, y, z] = std::array::from_fn(|axis| self.coordinates(arrays[axis], points[axis]));
-        PointGrid::rectilinear(&[x?, y?, z?]).map_err(|problem| self.file.unsupported(place(node), problem))
+        PointGrid::rectilinear([x?, y?, z?]).map_err(|problem| self.file.unsupported(place(node), problem))
+    }
+
+    fn structured(&self, piece: Node<'_, '_>, extent: Extent) -> Result<PointGrid, ImportError> {
+        let array = child(self.file, child(self.file, piece, "Points")?, "DataArray")?;
+        if components(array) != "3" {
+            let problem = format!("points of {} components; three are right", components(array));
+            return Err(self.file.malformed(place(array), problem));
+        }
+        let [x, y, z] = points(extent);
+        // An extent's numbers leave room for three times as many.
+        let layout = Layout { dims: [3 * x, y, z], scalar: scalar(self.file, array)?, endian: self.endian };
+        let numbers = layout.numbers(self.file, &self.samples(array, &layout)?)?;
+        Ok(PointGrid { points: [x, y, z], places: Places::Each(triples(&numbers)) })
     }
 
     fn coordinates(&self, array: Node<'_, '_>, points: usize) -> Result<Coordinates, ImportError> {

@@ -14,32 +14,36 @@ const POINTS_PER_TASK: usize = 8192;
 
 /// A point of the tree: where, and its number.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Leaf {
-    pub(crate) position: Vec3,
-    pub(crate) number: u32,
+pub struct Leaf {
+    /// Where it is, finite.
+    pub position: Vec3,
+    /// What the caller calls it.
+    pub number: u32,
 }
 
 /// Points in the tree's order. A range of more than [`LEAF`] is parted at its middle: no point before is higher along an
 /// axis, none after lower.
-pub(crate) struct Tree {
-    pub(crate) leaves: Vec<Leaf>,
+#[derive(Clone, Debug)]
+pub struct Tree {
+    /// The points, in the tree's order.
+    pub leaves: Vec<Leaf>,
     /// At the middle of each range: its axis.
     axes: Vec<u8>,
 }
 
 /// Squared distance and place in the tree, nearest first.
-pub(crate) type Found = Vec<(f32, u32)>;
+pub type Found = Vec<(f32, u32)>;
 
 impl Tree {
     /// Orders points; the same whatever the threads.
-    pub(crate) fn new(mut leaves: Vec<Leaf>) -> Self {
+    pub fn new(mut leaves: Vec<Leaf>) -> Self {
         let mut axes = vec![0; leaves.len()];
         order(&mut leaves, &mut axes);
         Self { leaves, axes }
     }
 
     /// The `count` points that are nearest to the one at `place`, without that one; fewer if there are no more.
-    pub(crate) fn nearest(&self, place: usize, count: usize, found: &mut Found) {
+    pub fn nearest(&self, place: usize, count: usize, found: &mut Found) {
         found.clear();
         let query = Query { tree: self, from: self.leaves[place].position, place, count };
         query.visit(0..self.leaves.len(), [0.0; 3], found);
