@@ -56,13 +56,13 @@ fn info_tells_of_points() {
     let place = Workplace::new();
     pipe(&place, "pipe.x", "pipe.q");
     let [text, _] = place.run(&["info", "pipe.x"]);
-    for part in
-        ["PLOT3D", "curvilinear grid of 7×25×6 points", "bounds      -2 -2 -1 to 2 2 1", "values      1 to 2"]
-    {
-        assert!(
-            text.replace(',', " ").replace("  to", " to").contains(part) || text.contains(part),
-            "{part}: {text}"
-        );
+    for part in [
+        "PLOT3D",
+        "curvilinear grid of 7×25×6 points",
+        "bounds      -2, -2, -1 to 2, 2, 1",
+        "values      1 to 2",
+    ] {
+        assert!(text.contains(part), "{part}: {text}");
     }
     let [json, _] = place.run(&["info", "pipe.x", "--json"]);
     let told: serde_json::Value = serde_json::from_str(&json).unwrap();
@@ -78,8 +78,9 @@ fn surfaces_are_written_and_drawn_again() {
     let [stats, _] =
         place.run(&["extract", "pipe.x", "--iso", "1.45", "-o", "a.ply", "--quiet", "--stats", "-"]);
     let told: serde_json::Value = serde_json::from_str(&stats).unwrap();
-    // Steps along the pipe, 0.4, and around it, 0.52 outside, are longer than a 128th of the diagonal, 6/128.
-    assert_eq!((&told["surfels"], &told["closed"]), (&(24 * 12 * 5 * 9).into(), &false.into()));
+    // Steps are longer than a 128th of the diagonal, 6/128: the 24·5 cells that are met are searched in parts, at most 64 of each.
+    let surfels = told["surfels"].as_u64().unwrap();
+    assert!(surfels % 120 == 0 && (2..=64).contains(&(surfels / 120)) && told["closed"] == false, "{told}");
     // 24 flat sides of a pipe of radius 1.45 whose edges are cut by the chords: 2·24·sin(π/24)·1.45 around, 2 high.
     let area = 2.0 * 24.0 * (std::f64::consts::PI / 24.0).sin() * 1.45 * 2.0;
     assert!((told["area"].as_f64().unwrap() / area - 1.0).abs() < 1e-4, "{told}");
@@ -126,7 +127,7 @@ fn the_flow_can_be_named() {
     place.run(&["info", "pipe.x", "--flow", "elsewhere.dat"]);
     place.write(
         "scene.toml",
-        "[[volume]]\npath = \"pipe.x\"\nflow = \"elsewhere.dat\"\niso = [1.5]\nscale = 0.5\n",
+        "version = 1\n[[volume]]\npath = \"pipe.x\"\nflow = \"elsewhere.dat\"\niso = [1.5]\nscale = 0.5\n",
     );
     assert!(seen(&place, &["scene.toml"]) > 400);
     let cube = place.cube();
