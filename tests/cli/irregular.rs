@@ -80,7 +80,10 @@ fn surfaces_are_written_and_drawn_again() {
     let told: serde_json::Value = serde_json::from_str(&stats).unwrap();
     // Steps are longer than a 128th of the diagonal, 6/128: the 24·5 cells that are met are searched in parts, at most 64 of each.
     let surfels = told["surfels"].as_u64().unwrap();
-    assert!(surfels % 120 == 0 && (2..=64).contains(&(surfels / 120)) && told["closed"] == false, "{told}");
+    assert!(
+        surfels.is_multiple_of(120) && (2..=64).contains(&(surfels / 120)) && told["closed"] == false,
+        "{told}"
+    );
     // 24 flat sides of a pipe of radius 1.45 whose edges are cut by the chords: 2·24·sin(π/24)·1.45 around, 2 high.
     let area = 2.0 * 24.0 * (std::f64::consts::PI / 24.0).sin() * 1.45 * 2.0;
     assert!((told["area"].as_f64().unwrap() / area - 1.0).abs() < 1e-4, "{told}");
