@@ -5,8 +5,9 @@ use super::patch::{Bounds, Patch, Sample};
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// The least share of a merged kernel on what is flat around it.
-const LEAST_SUPPORT: f64 = 0.99;
+/// The share that a merged kernel may lose of what is flat around it, for each radian of the largest angle: a hundredth at 10°. Beyond an edge all of a
+/// share is wrong, while an angle changes light by about itself.
+const LOSS_PER_RADIAN: f64 = 0.06;
 
 /// Half-axes after which a kernel counts for nothing; 0.01 of it lies beyond.
 const REACH: f64 = 3.0;
@@ -58,7 +59,7 @@ impl Kernel {
     }
 }
 
-/// Whether the merged kernel lies as well on what is flat around it as those of its surfels do: all but a hundredth of what they cover
+/// Whether the merged kernel lies as well on what is flat around it as those of its surfels do: nearly all of what they cover
 /// of samples within the bounds, times their areas, is covered by it.
 pub(super) fn is_flat_around(patch: &Patch, bounds: &Bounds, around: &Neighborhood<'_>) -> bool {
     let on_flat = |surfel: &Sample| -> f64 {
@@ -70,10 +71,11 @@ pub(super) fn is_flat_around(patch: &Patch, bounds: &Bounds, around: &Neighborho
         };
         around.touched(kernel.center, kernel.reach).flat_map(|cell| around.indices(cell)).map(of).sum()
     };
+    let least = 1.0 - LOSS_PER_RADIAN * bounds.most.angle;
     let merged = on_flat(&patch.mean);
-    merged >= LEAST_SUPPORT * patch.mean.area
+    merged >= least * patch.mean.area
         || merged
-            >= LEAST_SUPPORT
+            >= least
                 * patch.members.iter().map(|i| on_flat(&around.samples[*i as usize])).sum::<f64>()
 }
 
