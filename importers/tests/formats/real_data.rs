@@ -153,21 +153,6 @@ fn head_is_nifti() {
 }
 
 #[test]
-fn curvilinear_grids_are_refused_as_such() {
-    if let Some(path) = data("irregular/office.binary.vtk") {
-        refused(
-            open(path, &OpenOptions::default()),
-            "office.binary.vtk",
-            &["STRUCTURED_GRID", "are supported"],
-        );
-    }
-    for name in ["bluntfinq.bin", "bluntfinxyz.bin", "combq.bin", "combxyz.bin"] {
-        let Some(path) = data(&format!("irregular/{name}")) else { return };
-        refused(open(path, &OpenOptions::default()), name, &["not recognised as", "raw voxels"]);
-    }
-}
-
-#[test]
 fn hydrogen_is_f32() {
     let Some(hydrogen) = open_volume("volumes/vtk_hydrogen.vti") else { return };
     assert_eq!(hydrogen.dims(), [64; 3]);

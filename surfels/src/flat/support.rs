@@ -74,9 +74,7 @@ pub(super) fn is_flat_around(patch: &Patch, bounds: &Bounds, around: &Neighborho
     let least = 1.0 - LOSS_PER_RADIAN * bounds.most.angle;
     let merged = on_flat(&patch.mean);
     merged >= least * patch.mean.area
-        || merged
-            >= least
-                * patch.members.iter().map(|i| on_flat(&around.samples[*i as usize])).sum::<f64>()
+        || merged >= least * patch.members.iter().map(|i| on_flat(&around.samples[*i as usize])).sum::<f64>()
 }
 
 /// Areas of the patches' surfels, raised where their samples would be bare.
