@@ -144,7 +144,7 @@ fn a_quarter_of_the_engine_is_enough() {
         serde_json::from_str(&out).unwrap()
     };
     let whole = extract("whole.ply", &[])["surfels"].as_u64().unwrap();
-    let merging = &extract("merged.ply", &["--merge", "0.3,10"])["merging"];
+    let merging = &extract("merged.ply", &["--merge", "0.6,20"])["merging"];
     assert!(4 * merging["surfels"].as_u64().unwrap() <= whole, "{merging} of {whole}");
     assert!(
         merging["largest_distance"].as_f64() <= Some(0.45)

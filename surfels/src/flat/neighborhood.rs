@@ -17,6 +17,8 @@ pub(super) struct Neighborhood<'a> {
     indices: Vec<u32>,
     low: DVec3,
     side: f64,
+    /// The farthest cube.
+    last: IVec3,
 }
 
 /// Cubes of one x and y are consecutive, by z.
@@ -35,6 +37,7 @@ impl<'a> Neighborhood<'a> {
         let spacing = (area / samples.len().max(1) as f64).sqrt();
         let least = (high - low).max_element() * 2.0_f64.powi(-20);
         let side = (side * spacing).max(least).max(f64::MIN_POSITIVE);
+        let last = ((high - low).max(DVec3::ZERO) / side).as_ivec3();
         let keyed = |(index, s): (usize, &Sample)| {
             let [x, y, z] = ((s.center - low) / side).as_ivec3().to_array();
             (key(x, y, z), index as u32)
@@ -49,7 +52,7 @@ impl<'a> Neighborhood<'a> {
             }
         }
         let indices = keyed.into_iter().map(|(_, index)| index).collect();
-        Self { samples, keys, begins, indices, low, side }
+        Self { samples, keys, begins, indices, low, side, last }
     }
 
     /// Numbers of the cubes.
@@ -65,15 +68,20 @@ impl<'a> Neighborhood<'a> {
 
     /// Numbers of the cubes that a box around `center` touches.
     pub(super) fn touched(&self, center: DVec3, reach: DVec3) -> impl Iterator<Item = usize> + '_ {
-        let last = IVec3::splat((1 << BITS) - 1);
-        let place = |p: DVec3| ((p - self.low) / self.side).floor().as_ivec3().clamp(IVec3::ZERO, last);
+        let place = |p: DVec3| ((p - self.low) / self.side).floor().as_ivec3().clamp(IVec3::ZERO, self.last);
         let (low, high) = (place(center - reach), place(center + reach));
-        let rows = (low.x..=high.x).flat_map(move |x| (low.y..=high.y).map(move |y| (x, y)));
-        rows.flat_map(move |(x, y)| {
+        // Boxes of more rows than there are cubes touch all of them, for all that matters.
+        let rows = (high.x - low.x + 1) as usize * (high.y - low.y + 1) as usize;
+        let is_vast = rows > self.keys.len();
+        let all = if is_vast { self.cubes() } else { 0..0 };
+        let columns = if is_vast { 0..0 } else { low.x..high.x + 1 };
+        let rows = columns.flat_map(move |x| (low.y..=high.y).map(move |y| (x, y)));
+        let listed = rows.flat_map(move |(x, y)| {
             let (from, to) = (key(x, y, low.z), key(x, y, high.z));
             let first = self.keys.partition_point(|key| *key < from);
             let count = self.keys[first..].iter().take_while(|key| **key <= to).count();
             first..first + count
-        })
+        });
+        all.chain(listed)
     }
 }
