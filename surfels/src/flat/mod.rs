@@ -68,7 +68,7 @@ pub enum MergeError {
 /// plane it loses at most a share of 0.06 for each radian of the largest angle, a hundredth at 10°. Kernels of patches do not cover quite evenly: areas are raised until
 /// about 0.95 of what was covered at each sample is. Their sum grows, by up to a fifth on bent surfaces.
 ///
-/// It takes about 10 microseconds of a core and 400 bytes a surfel. The result is the same for any number of threads. Levels of detail
+/// It takes about 10 microseconds of a core for each surfel. The result is the same for any number of threads. Levels of detail
 /// are to be made again.
 ///
 /// # Errors
