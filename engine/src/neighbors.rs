@@ -21,7 +21,7 @@ pub struct Leaf {
     pub number: u32,
 }
 
-/// Points in the tree's order. A range of more than [`LEAF`] is parted at its middle: no point before is higher along an
+/// Points in the tree's order. A range of more than eight is parted at its middle: no point before is higher along an
 /// axis, none after lower.
 #[derive(Clone, Debug)]
 pub struct Tree {
