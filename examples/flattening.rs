@@ -8,12 +8,12 @@ use oblate::engine::{Camera, Pose, RenderSettings, Renderer, Scene};
 use oblate::volumes::{Classifier, Flattening, KernelSettings, shepp_logan};
 
 const SIZE: u32 = 320;
-const FRAMES: u32 = 48;
+const FRAMES: u32 = 24;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let head = shepp_logan(96)?;
     // Values from 0 (outside) to 1 (the skull); extinction per unit of length, of which the head is two.
-    let look = "transfer 1\nstrength extinction\ncolor srgb\n 0.1 0.2 0.4 0.6 0\n 0.3 0.5 0.6 0.7 2\n 0.6 0.9 0.8 0.7 30"
+    let look = "transfer 1\nstrength extinction\ncolor srgb\n 0.1 0.2 0.4 0.6 0\n 0.3 0.5 0.6 0.7 0.5\n 0.6 0.9 0.8 0.7 6"
         .parse()?;
     let pose = Pose::look_at([2.2, -3.2, 1.6].into(), [0.0; 3].into(), [0.0, 0.0, 1.0].into())?;
     let camera = Camera::perspective(pose, 33_f64.to_radians(), [SIZE; 2])?;

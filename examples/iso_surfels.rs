@@ -23,9 +23,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let extractor = IsoExtractor::new(&volume);
     let surfels = extractor.extract(iso, Interpolation::Trilinear)?;
     let kind = if surfels.is_closed() { "closed" } else { "open" };
-    println!("{} surfels of a {kind} surface, area {:.1}", surfels.len(), surfels.area());
+    println!("{} surfels, area {:.1}, {kind}", surfels.len(), surfels.area());
     for surfel in surfels.iter().take(2) {
-        println!("  at {:.2}, normal {:.3}, area {:.3}", surfel.center, surfel.normal(), surfel.area);
+        println!("  at {:.2}, normal {:.3}, area {:.5}", surfel.center, surfel.normal(), surfel.area);
     }
 
     // As a cloud to be drawn, and with one surfel where several are within a quarter of a step and 10° of it.
