@@ -22,6 +22,7 @@ pub mod mesh;
 pub mod primitives;
 
 mod appearance;
+mod depth_image;
 mod error;
 mod facets;
 mod flat;
@@ -34,6 +35,7 @@ mod sample;
 mod texture;
 mod view;
 
+pub use depth_image::{DepthError, DepthKind, RgbdImage};
 pub use error::SampleError;
 pub use flat::{Deviation, MergeError, Merged, merge_flat};
 pub use mesh::{BaseColor, Mesh, Primitive, Texture, Wrap};
