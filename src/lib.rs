@@ -40,6 +40,8 @@
 //! The program `oblate` is these steps with options and scene files; `examples/mixed_scene.rs` is a program
 //! that a user might write.
 
+pub mod baselines;
+
 pub use oblate_engine as engine;
 pub use oblate_importers as importers;
 pub use oblate_surfels as surfels;

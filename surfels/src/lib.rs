@@ -35,7 +35,9 @@ mod sample;
 mod texture;
 mod view;
 
-pub use depth_image::{DepthError, DepthKind, RgbdImage};
+pub use depth_image::{
+    DEPTH_COVERAGE_FLOOR, DEPTH_KERNEL_SIGMA, DepthError, DepthKind, DepthSettings, RgbdImage, depth_surfels,
+};
 pub use error::SampleError;
 pub use flat::{Deviation, MergeError, Merged, merge_flat};
 pub use mesh::{BaseColor, Mesh, Primitive, Texture, Wrap};

@@ -1,7 +1,16 @@
-//! Depth images: photographs that know how far away each of their pixels is.
+//! Depth images to surfels: one for each pixel, as large as the pixel is on the surface that it shows.
+//!
+//! `edges` says which pixels show one surface, `plane` fits a plane around each of them, `surfels` makes the splats, which are
+//! cut where a surface ends.
+
+mod edges;
+mod plane;
+mod surfels;
+
+pub use surfels::{DEPTH_COVERAGE_FLOOR, DEPTH_KERNEL_SIGMA, DepthSettings, depth_surfels};
 
 use glam::{DVec2, DVec3};
-use oblate_engine::{CameraError, CloudError, Intrinsics, Pose};
+use oblate_engine::{Camera, CameraError, CloudError, Intrinsics, Pose, Projection};
 use thiserror::Error;
 
 /// What the numbers of a depth image measure.
@@ -34,9 +43,6 @@ pub struct RgbdImage {
 /// Why a depth image cannot be used.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum DepthError {
-    /// Nothing is there.
-    #[error("a depth image of {0} × {1} pixels; both sides must be from 1 to 65535")]
-    Size(usize, usize),
     /// An array does not have one entry for each pixel.
     #[error("{found} {array} for {pixels} pixels; there must be one for each")]
     Length {
@@ -55,6 +61,9 @@ pub enum DepthError {
         /// From the top, from 0.
         row: usize,
     },
+    /// No pixel has a depth.
+    #[error("no pixel has a depth that is finite and above 0")]
+    NoDepth,
     /// No camera takes such pictures.
     #[error("the camera of the depth image: {0}")]
     Camera(#[from] CameraError),
@@ -64,8 +73,50 @@ pub enum DepthError {
 }
 
 impl RgbdImage {
-    /// The point in camera space that is seen at a place of the picture, at a depth along the axis of 1.
-    fn ray(&self, place: DVec2) -> DVec3 {
+    /// The camera that took it.
+    ///
+    /// # Errors
+    /// When size, intrinsics or pose are none of a pinhole camera.
+    pub fn camera(&self) -> Result<Camera, CameraError> {
+        // What a u32 doesn't hold is refused as any side that is too long.
+        let size = self.size.map(|side| u32::try_from(side).unwrap_or(u32::MAX));
+        Camera::from_intrinsics(self.pose, self.intrinsics, Projection::Perspective, size)
+    }
+
+    /// The point in camera space, at a depth along the axis of 1, that is seen at a place of the picture.
+    pub fn ray(&self, place: DVec2) -> DVec3 {
         ((place - self.intrinsics.center) / self.intrinsics.focal).extend(1.0)
+    }
+
+    /// Says what is wrong with it.
+    ///
+    /// # Errors
+    /// When its camera is none, or an array is too long, too short or of colours that are not finite.
+    pub fn check(&self) -> Result<(), DepthError> {
+        self.camera()?;
+        let [width, height] = self.size;
+        let pixels = width * height;
+        for (array, found) in [("colours", self.colors.len()), ("depths", self.depths.len())] {
+            if found != pixels {
+                return Err(DepthError::Length { array, found, pixels });
+            }
+        }
+        match self.colors.iter().position(|color| !color.iter().all(|c| c.is_finite())) {
+            Some(at) => Err(DepthError::Color { column: at % width, row: at / width }),
+            None => Ok(()),
+        }
+    }
+
+    /// The depths along the axis; 0 where unknown.
+    pub fn depths_along_axis(&self) -> Vec<f32> {
+        let known = |depth: f32| if depth > 0.0 && depth.is_finite() { depth } else { 0.0 };
+        let along_axis = |(at, depth): (usize, &f32)| match self.kind {
+            DepthKind::AlongAxis => known(*depth),
+            DepthKind::AlongRay => {
+                let place = [at % self.size[0], at / self.size[0]].map(|x| x as f64 + 0.5);
+                known((f64::from(*depth) / self.ray(place.into()).length()) as f32)
+            }
+        };
+        self.depths.iter().enumerate().map(along_axis).collect()
     }
 }
