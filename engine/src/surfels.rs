@@ -15,13 +15,15 @@ pub struct Surfel {
     pub factor: Mat3,
     /// The surface area that it stands for, in squared world units; at least 0.
     pub area: f32,
+    /// Linear Rec. 709 colour, finite; not read where the look has one for all.
+    pub color: [f32; 3],
 }
 
 /// What the surfels of a cloud share; as in [`crate::Surface`] and [`crate::Splats`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfelLook {
-    /// Linear Rec. 709 colour.
-    pub color: [f32; 3],
+    /// Linear Rec. 709 colour of all; without it each has its own.
+    pub color: Option<[f32; 3]>,
     /// Opacity of the surface in [0, 1].
     pub opacity: f32,
     /// World units.
@@ -58,6 +60,7 @@ impl Cloud {
             flat: vec![[[0.0; LANES]; 6]; blocks],
             through: vec![[[0.0; LANES]; 3]; blocks],
             areas: vec![[[0.0; LANES]; 1]; blocks],
+            colors: vec![[[0.0; LANES]; 3]; if look.color.is_none() { blocks } else { 0 }],
         };
         let fill = |(task, mut rows): (usize, RowsMut)| {
             let numbers = task * TOGETHER..count.min((task + 1) * TOGETHER);
@@ -65,7 +68,7 @@ impl Cloud {
         };
         let filled: Vec<Result<bool, CloudError>> = rows.tasks().enumerate().map(fill).collect();
         let are_flat = filled.into_iter().try_fold(true, |all, task| Ok(all & task?))?;
-        let Rows { centers, flat, through, areas } = rows;
+        let Rows { centers, flat, through, areas, colors } = rows;
         let through = if are_flat { Column::alike(count, [0.0; 3]) } else { Column::of_blocks(through) };
         let SurfelLook { color, opacity, depth_tolerance, coverage_floor, closed, material } = *look;
         Ok(Self::of_columns(Columns {
@@ -75,7 +78,7 @@ impl Cloud {
             kind: Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, closed }),
             strengths: Column::of_blocks(areas),
             opacities: (opacity < 1.0).then(|| Column::alike(count, [opacity])),
-            colors: Column::alike(count, color),
+            colors: color.map_or_else(|| Column::of_blocks(colors), |color| Column::alike(count, color)),
             harmonics: None,
             normals: None,
             material,
@@ -85,8 +88,10 @@ impl Cloud {
 
 impl SurfelLook {
     fn check(&self) -> Result<(), CloudError> {
-        if !self.color.iter().all(|c| c.is_finite()) {
-            return Err(wrong(0, "colour", format!("{:?}", self.color), "it must be finite"));
+        if let Some(color) = self.color
+            && !color.iter().all(|c| c.is_finite())
+        {
+            return Err(wrong(0, "colour", format!("{color:?}"), "it must be finite"));
         }
         if !(0.0..=1.0).contains(&self.opacity) {
             return Err(wrong(0, "opacities", self.opacity.to_string(), "an opacity is from 0 to 1"));
@@ -100,14 +105,14 @@ impl Surfel {
     /// Whether nothing is wrong, as quickly as can be told: 0 times what isn't finite isn't 0.
     #[inline(always)]
     fn is_right(&self) -> bool {
-        let Self { center, factor, area } = self;
+        let Self { center, factor, area, color } = self;
         let [x, y, z] = [factor.x_axis, factor.y_axis, factor.z_axis].map(|axis| axis * 0.0);
-        center * 0.0 + x + y + z == Vec3::ZERO && (0.0..=f32::MAX).contains(area)
+        center * 0.0 + x + y + z + Vec3::from(*color) * 0.0 == Vec3::ZERO && (0.0..=f32::MAX).contains(area)
     }
 
     /// Says what is wrong with the one that has this number.
     fn check(&self, index: usize) -> Result<(), CloudError> {
-        let Self { center, factor, area } = self;
+        let Self { center, factor, area, color } = self;
         if !center.is_finite() {
             return Err(wrong(index, "centre", format!("{center:?}"), "it must be finite"));
         }
@@ -116,6 +121,9 @@ impl Surfel {
         }
         if !(0.0..=f32::MAX).contains(area) {
             return Err(wrong(index, "areas", area.to_string(), "an area is finite and at least 0"));
+        }
+        if !color.iter().all(|c| c.is_finite()) {
+            return Err(wrong(index, "colour", format!("{color:?}"), "it must be finite"));
         }
         Ok(())
     }
@@ -127,6 +135,8 @@ struct Rows {
     flat: Vec<[Lanes; 6]>,
     through: Vec<[Lanes; 3]>,
     areas: Vec<[Lanes; 1]>,
+    /// Empty where all have one.
+    colors: Vec<[Lanes; 3]>,
 }
 
 /// Those of a task.
@@ -135,18 +145,23 @@ struct RowsMut<'a> {
     flat: &'a mut [[Lanes; 6]],
     through: &'a mut [[Lanes; 3]],
     areas: &'a mut [[Lanes; 1]],
+    colors: &'a mut [[Lanes; 3]],
 }
 
 impl Rows {
     fn tasks(&mut self) -> impl IndexedParallelIterator<Item = RowsMut<'_>> {
-        let Self { centers, flat, through, areas } = self;
+        let Self { centers, flat, through, areas, colors } = self;
+        let tasks = centers.len().div_ceil(BLOCKS_A_TASK);
+        let mut colors: Vec<&mut [[Lanes; 3]]> = colors.chunks_mut(BLOCKS_A_TASK).collect();
+        colors.resize_with(tasks, Default::default);
         let shapes = flat.par_chunks_mut(BLOCKS_A_TASK).zip(through.par_chunks_mut(BLOCKS_A_TASK));
         let places = centers.par_chunks_mut(BLOCKS_A_TASK).zip(areas.par_chunks_mut(BLOCKS_A_TASK));
-        places.zip(shapes).map(|((centers, areas), (flat, through))| RowsMut {
+        places.zip(shapes).zip(colors).map(|(((centers, areas), (flat, through)), colors)| RowsMut {
             centers,
             flat,
             through,
             areas,
+            colors,
         })
     }
 }
@@ -184,11 +199,14 @@ impl RowsMut<'_> {
     #[inline(always)]
     fn put(&mut self, place: usize, surfel: &Surfel) -> bool {
         let (block, lane) = (place / LANES, place % LANES);
-        let Surfel { center, factor, area } = surfel;
+        let Surfel { center, factor, area, color } = surfel;
         let [a, b, c, d, e, f, through @ ..] = factor.to_cols_array();
         set(&mut self.centers[block], lane, center.to_array());
         set(&mut self.areas[block], lane, [*area]);
         set(&mut self.flat[block], lane, [a, b, c, d, e, f]);
+        if !self.colors.is_empty() {
+            set(&mut self.colors[block], lane, *color);
+        }
         let is_flat = through == [0.0; 3];
         if !is_flat {
             set(&mut self.through[block], lane, through);
@@ -210,7 +228,7 @@ mod tests {
     use crate::cloud::{Shapes, Splats, Strength, Surface};
 
     const LOOK: SurfelLook = SurfelLook {
-        color: [0.5, 0.25, 1.0],
+        color: Some([0.5, 0.25, 1.0]),
         opacity: 0.75,
         depth_tolerance: 0.5,
         coverage_floor: 0.9,
@@ -222,10 +240,10 @@ mod tests {
     fn surfel(index: usize, thickness: f32) -> Surfel {
         let x = index as f32;
         let factor = Mat3::from_cols(Vec3::X * (1.0 + x), Vec3::Y * 2.0, Vec3::Z * thickness);
-        Surfel { center: Vec3::new(x, -x, 1.0), factor, area: 0.5 * x }
+        Surfel { center: Vec3::new(x, -x, 1.0), factor, area: 0.5 * x, color: [0.5 * x, 1.0, 0.0] }
     }
 
-    fn arrays(count: usize, thickness: f32) -> Splats {
+    fn arrays(count: usize, thickness: f32, look: &SurfelLook) -> Splats {
         let all = || (0..count).map(|i| surfel(i, thickness));
         Splats {
             centers: all().map(|surfel| surfel.center).collect(),
@@ -237,7 +255,7 @@ mod tests {
                 coverage_floor: LOOK.coverage_floor,
                 closed: LOOK.closed,
             }),
-            colors: vec![LOOK.color; count],
+            colors: all().map(|surfel| look.color.unwrap_or(surfel.color)).collect(),
             harmonics: None,
             normals: None,
             material: LOOK.material,
@@ -248,11 +266,12 @@ mod tests {
     fn a_cloud_of_surfels_is_that_of_their_arrays() {
         for count in [0, 1, 7, 8, 9, 16, TOGETHER, 2 * TOGETHER + 3] {
             for thickness in [0.0, 0.25] {
-                let made =
-                    Cloud::of_surfels(count, &LOOK, |range| range.map(|i| surfel(i, thickness))).unwrap();
-                let arrays = arrays(count, thickness);
-                assert_eq!(made.splats(), arrays, "{count}");
-                assert_eq!(made, Cloud::new(arrays).unwrap(), "{count}");
+                for look in [LOOK, SurfelLook { color: None, ..LOOK }] {
+                    let made = Cloud::of_surfels(count, &look, |range| range.map(|i| surfel(i, thickness)));
+                    let (made, arrays) = (made.unwrap(), arrays(count, thickness, &look));
+                    assert_eq!(made.splats(), arrays, "{count}");
+                    assert_eq!(made, Cloud::new(arrays).unwrap(), "{count}");
+                }
             }
         }
     }
@@ -272,10 +291,11 @@ mod tests {
                 })
             })
         };
-        let cases: [(Spoil, &str); 3] = [
+        let cases: [(Spoil, &str); 4] = [
             (|surfel| surfel.center.y = f32::NAN, "centre"),
             (|surfel| surfel.factor.y_axis.x = f32::INFINITY, "shape"),
             (|surfel| surfel.area = -1.0, "areas"),
+            (|surfel| surfel.color[1] = f32::NAN, "colour"),
         ];
         for (bad, name) in cases {
             let first = TOGETHER + 5;
@@ -286,7 +306,7 @@ mod tests {
         }
         let short = Cloud::of_surfels(count, &LOOK, |range| range.skip(1).map(|i| surfel(i, 0.0)));
         assert!(matches!(short, Err(CloudError::Length { array: "surfels", .. })));
-        let dark = SurfelLook { color: [f32::NAN; 3], ..LOOK };
+        let dark = SurfelLook { color: Some([f32::NAN; 3]), ..LOOK };
         assert!(Cloud::of_surfels(1, &dark, |range| range.map(|i| surfel(i, 0.0))).is_err());
         let ghost = SurfelLook { opacity: f32::NAN, ..LOOK };
         assert!(Cloud::of_surfels(1, &ghost, |range| range.map(|i| surfel(i, 0.0))).is_err());

@@ -41,18 +41,24 @@ fn fill(frame: &mut Frame, corners: [([f64; 2], f32); 3], colors: [[f32; 3]; 3])
         return;
     }
     let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-    let columns = (low.x - 0.5).ceil().max(0.0) as i64..=((high.x - 0.5).floor().min(frame.width as f64 - 1.0) as i64);
-    for y in (low.y - 0.5).ceil().max(0.0) as i64..=((high.y - 0.5).floor().min(frame.height as f64 - 1.0) as i64) {
+    let columns =
+        (low.x - 0.5).ceil().max(0.0) as i64..=((high.x - 0.5).floor().min(frame.width as f64 - 1.0) as i64);
+    for y in
+        (low.y - 0.5).ceil().max(0.0) as i64..=((high.y - 0.5).floor().min(frame.height as f64 - 1.0) as i64)
+    {
         for x in columns.clone() {
             let p = glam::DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
-            let shares = [(c - b).perp_dot(p - b), (a - c).perp_dot(p - c), (b - a).perp_dot(p - a)].map(|s| s / area);
+            let shares =
+                [(c - b).perp_dot(p - b), (a - c).perp_dot(p - c), (b - a).perp_dot(p - a)].map(|s| s / area);
             if shares.iter().any(|share| *share < 0.0) {
                 continue;
             }
             // 1/z is linear in the picture, and so is a colour over z.
             let over: [f32; 3] = std::array::from_fn(|i| shares[i] as f32 / corners[i].1);
             let depth = 1.0 / over.iter().sum::<f32>();
-            let color = std::array::from_fn(|channel| (0..3).map(|i| over[i] * colors[i][channel]).sum::<f32>() * depth);
+            let color = std::array::from_fn(|channel| {
+                (0..3).map(|i| over[i] * colors[i][channel]).sum::<f32>() * depth
+            });
             write(frame, [x, y], depth, color);
         }
     }

@@ -92,7 +92,8 @@ fn bilinear(seen: &Seen, place: [f64; 2]) -> Option<(f32, [f32; 3])> {
     for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
         let (cx, cy) = (x.floor() + f64::from(dx), y.floor() + f64::from(dy));
         let weight = ((1.0 - (x - cx).abs()) * (1.0 - (y - cy).abs())) as f32;
-        let at = cy.clamp(0.0, height as f64 - 1.0) as usize * width + cx.clamp(0.0, width as f64 - 1.0) as usize;
+        let at =
+            cy.clamp(0.0, height as f64 - 1.0) as usize * width + cx.clamp(0.0, width as f64 - 1.0) as usize;
         if seen.depths[at] > 0.0 && weight > 0.0 {
             sum += weight;
             depth += weight * seen.depths[at];

@@ -36,7 +36,8 @@ mod texture;
 mod view;
 
 pub use depth_image::{
-    DEPTH_COVERAGE_FLOOR, DEPTH_KERNEL_SIGMA, DepthError, DepthKind, DepthSettings, RgbdImage, depth_surfels,
+    DEPTH_LOW_PASS, DepthError, DepthKind, DepthSettings, Hit, RgbdImage, Room, depth_surfels,
+    fill_disocclusions, merged_depth_surfels,
 };
 pub use error::SampleError;
 pub use flat::{Deviation, MergeError, Merged, merge_flat};

@@ -4,10 +4,17 @@
 //! cut where a surface ends.
 
 mod edges;
+mod fill;
 mod plane;
+mod room;
+mod scattered;
 mod surfels;
+mod views;
 
-pub use surfels::{DEPTH_COVERAGE_FLOOR, DEPTH_KERNEL_SIGMA, DepthSettings, depth_surfels};
+pub use fill::fill_disocclusions;
+pub use room::{Hit, Room};
+pub use surfels::{DEPTH_LOW_PASS, DepthSettings, depth_surfels};
+pub use views::merged_depth_surfels;
 
 use glam::{DVec2, DVec3};
 use oblate_engine::{Camera, CameraError, CloudError, Intrinsics, Pose, Projection};
@@ -118,5 +125,33 @@ impl RgbdImage {
             }
         };
         self.depths.iter().enumerate().map(along_axis).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DAffine3;
+
+    /// The image that a camera at the origin takes of `inverse_depth` at a ray (x, y, 1), grey.
+    pub(super) fn image(size: [usize; 2], inverse_depth: impl Fn(DVec3) -> f64) -> RgbdImage {
+        let intrinsics = Intrinsics {
+            focal: DVec2::splat(size[0] as f64),
+            center: DVec2::new(size[0] as f64, size[1] as f64) / 2.0,
+        };
+        let pose = Pose { world_to_camera: DAffine3::IDENTITY };
+        let pixels = size[0] * size[1];
+        let (colors, depths, kind) = (vec![[0.5; 3]; pixels], vec![1.0; pixels], DepthKind::AlongAxis);
+        let mut image = RgbdImage { size, colors, depths, kind, intrinsics, pose };
+        for at in 0..pixels {
+            let place = DVec2::new((at % size[0]) as f64 + 0.5, (at / size[0]) as f64 + 0.5);
+            image.depths[at] = (1.0 / inverse_depth(image.ray(place))) as f32;
+        }
+        image
+    }
+
+    /// The plane n · p = 1.
+    pub(super) fn plane(n: [f64; 3]) -> impl Fn(DVec3) -> f64 {
+        move |ray| ray.dot(n.into())
     }
 }

@@ -1,21 +1,28 @@
 //! Pixels to surfels.
 
-use super::edges::Edges;
+use super::edges::{Edges, STEEPEST, Steps};
 use super::plane::{Plane, planes};
 use super::{DepthError, RgbdImage};
-use glam::{Mat3, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 use oblate_engine::cloud::Material;
-use oblate_engine::{Cloud, Shapes, Splats, Strength, Surface};
-use rayon::prelude::*;
+use oblate_engine::{Cloud, Surfel, SurfelLook};
 
-/// σ of a pixel's kernel in the pixels of the depth image. Sums of such kernels on a lattice are 1 ± 0.029.
-pub const DEPTH_KERNEL_SIGMA: f32 = 0.5;
+/// σ of a pixel's kernel in pixels of the depth image. Sums of such kernels on a lattice are 1 ± 0.07, and colours are means under them.
+const SIGMA: f32 = 0.45;
 
-/// The floor of summed coverage: 0.97 on a plane; neighbours whose planes differ leave more.
-pub const DEPTH_COVERAGE_FLOOR: f32 = 0.9;
+/// Of the variance by which the kernels blur, what is taken back from colours, in px². All would be SIGMA²; less leaves noise as it is.
+const SHARPENED: f32 = 0.13;
 
-/// The steepest slope of a plane in pixel widths a pixel: 88°.
-const STEEPEST: f32 = 28.6;
+/// How much of its mean a surface covers where it is opaque. Samples at depth edges are cut where their pixel ends, so that whatever
+/// is left of one beyond is none of the background's: a low floor makes edges sharp, about half a pixel outside.
+const COVERAGE_FLOOR: f32 = 0.1;
+
+/// What belongs to one layer, in widths of a pixel: what depth cameras are uncertain by.
+const DEPTH_TOLERANCE: f64 = 6.0;
+
+/// The variance of the low-pass filter, in px², with which a photograph is best seen from nearby: its pixels are means over squares of a variance of 1/12
+/// already, and with that it is the usual 0.3.
+pub const DEPTH_LOW_PASS: f64 = 0.3 - 1.0 / 12.0;
 
 /// How depth images become surfels.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,83 +37,125 @@ impl Default for DepthSettings {
     }
 }
 
-/// The surface that a depth image shows, a surfel for each pixel whose depth is known; backs are dropped.
+/// The surface that a depth image shows: a surfel for each pixel whose depth is known, as large as the pixel is on the plane through its
+/// neighbours (Yuan, Chen et al., *Hybrid Forward Resampling and Volume Rendering*, 2003, section 3). Where a surface ends, surfels are cut; backs are
+/// dropped. Nothing is drawn where depths are unknown.
+///
+/// # Errors
+/// When the image is none, no depth is known, or the surfels leave the range of single precision.
 pub fn depth_surfels(image: &RgbdImage, settings: &DepthSettings) -> Result<Cloud, DepthError> {
-    image.check()?;
-    let depths = image.depths_along_axis();
-    let edges = Edges::of(image, &depths);
-    let planes = planes(image.size[0], &depths, &edges);
-    let maker = Maker { image, depths: &depths, edges: &edges };
-    let samples: Vec<Sample> =
-        planes.par_iter().enumerate().filter_map(|(at, plane)| maker.sample(at, plane)).collect();
-    if samples.is_empty() {
-        return Err(DepthError::NoDepth);
+    Maker::new(image)?.cloud(settings, |_, _| 1.0)
+}
+
+/// An image whose surfaces are known.
+pub(super) struct Maker<'a> {
+    pub(super) image: &'a RgbdImage,
+    /// Along the axis; 0 where unknown.
+    pub(super) depths: Vec<f32>,
+    pub(super) steps: Steps,
+    edges: Edges,
+    planes: Vec<Plane>,
+    /// The image's, in single precision.
+    focal: Vec2,
+    center: Vec2,
+}
+
+impl<'a> Maker<'a> {
+    pub(super) fn new(image: &'a RgbdImage) -> Result<Self, DepthError> {
+        image.check()?;
+        let depths = image.depths_along_axis();
+        let steps = Steps::of(image);
+        let edges = Edges::of(image.size[0], &depths, &steps);
+        let planes = planes(image.size[0], &depths, &edges);
+        let [focal, center] = [image.intrinsics.focal, image.intrinsics.center].map(|v| v.as_vec2());
+        Ok(Self { image, depths, steps, edges, planes, focal, center })
     }
-    let mut radii: Vec<f32> = samples.iter().map(|sample| sample.area.sqrt()).collect();
-    let middle = radii.len() / 2;
-    let (_, radius, _) = radii.select_nth_unstable_by(middle, f32::total_cmp);
-    let surface = Surface {
-        areas: samples.iter().map(|sample| sample.area).collect(),
-        opacities: None,
-        depth_tolerance: *radius * std::env::var("EPS").map_or(3.0, |v| v.parse().unwrap()),
-        coverage_floor: env("FLOOR", 0.2),
-        closed: true,
-    };
-    let cloud = Cloud::new(Splats {
-        centers: samples.iter().map(|sample| sample.center).collect(),
-        shapes: Shapes::Each(samples.iter().map(|sample| sample.factor).collect()),
-        strength: Strength::Surface(surface),
-        colors: samples.iter().map(|sample| sharp(image, &edges, sample.pixel as usize)).collect(),
-        harmonics: None,
-        normals: None,
-        material: settings.material,
-    })?;
-    Ok(cloud.transformed(image.pose.world_to_camera.inverse()))
-}
 
-struct Sample {
-    pixel: u32,
-    center: Vec3,
-    factor: Mat3,
-    area: f32,
-}
-
-struct Maker<'a> {
-    image: &'a RgbdImage,
-    depths: &'a [f32],
-    edges: &'a Edges,
-}
-
-impl Maker<'_> {
-    fn sample(&self, at: usize, plane: &Plane) -> Option<Sample> {
-        let measured = self.depths[at];
-        if measured <= 0.0 {
-            return None;
+    /// The cloud of all whose depth is known, each with a share of its area.
+    pub(super) fn cloud(
+        &self,
+        settings: &DepthSettings,
+        share: impl Fn(usize, &Surfel) -> f32 + Sync,
+    ) -> Result<Cloud, DepthError> {
+        let known: Vec<u32> =
+            (0..self.depths.len() as u32).filter(|at| self.depths[*at as usize] > 0.0).collect();
+        if known.is_empty() {
+            return Err(DepthError::NoDepth);
         }
-        let width = self.image.size[0];
-        let place = [at % width, at / width].map(|x| x as f64 + 0.5);
-        let ray = self.image.ray(place.into()).as_vec3();
-        let focal = self.image.intrinsics.focal.as_vec2();
+        let total: f64 = known.iter().map(|at| f64::from(self.depths[*at as usize])).sum();
+        let pixel_width = total / known.len() as f64 / self.image.intrinsics.focal.min_element();
+        let look = SurfelLook {
+            color: None,
+            opacity: 1.0,
+            depth_tolerance: (DEPTH_TOLERANCE * pixel_width) as f32,
+            coverage_floor: COVERAGE_FLOOR,
+            closed: true,
+            material: settings.material,
+        };
+        let surfel = |at: &u32| {
+            let surfel = self.surfel(*at as usize);
+            Surfel { area: surfel.area * share(*at as usize, &surfel), ..surfel }
+        };
+        let cloud = Cloud::of_surfels(known.len(), &look, |numbers| known[numbers].iter().map(surfel))?;
+        Ok(cloud.transformed(self.image.pose.world_to_camera.inverse()))
+    }
+
+    /// The surfel of a pixel whose depth is known, in camera space.
+    pub(super) fn surfel(&self, at: usize) -> Surfel {
+        let plane = &self.planes[at];
+        let [width, height] = self.image.size;
+        let [column, row] = [at % width, at / width];
+        let place = Vec2::new(column as f32, row as f32) + 0.5;
+        let ray = ((place - self.center) / self.focal).extend(1.0);
+        let measured = self.depths[at];
         let fitted = 1.0 / plane.inverse;
-        let depth = if (fitted - measured).abs() * focal.min_element() <= 10.6 * measured { fitted } else { measured };
+        // Beyond a step that links pixels no plane is believed.
+        let is_near = self.steps.are_one_surface([fitted, measured], 1.0);
+        let depth = if is_near { fitted } else { measured };
         // p = ray/d: its derivatives in the plane, a pixel to the right and a pixel down.
         let along = |axis: usize| {
-            let steepest = STEEPEST / (focal[axis] * depth);
-            let slope = plane.slope[axis].clamp(-steepest, steepest);
-            let mut step = -ray * (slope * depth * depth);
-            step[axis] += depth / focal[axis];
+            let steepest = STEEPEST / (self.focal[axis] * depth);
+            let mut step = -ray * (plane.slope[axis].clamp(-steepest, steepest) * depth * depth);
+            step[axis] += depth / self.focal[axis];
             step
         };
         let [right, down] = [along(0), along(1)];
-        let across = down.cross(right);
-        let around = self.edges.around(at);
-        let [x, y] = [Cut::of(around[0], around[1]), Cut::of(around[2], around[3])];
-        let center = ray * depth + right * x.shift + down * y.shift;
-        // Faces the camera: y is down.
-        let factor = Mat3::from_cols(down * y.sigma, right * x.sigma, Vec3::ZERO);
-        let area = across.length();
-        (center.is_finite() && factor.is_finite() && area.is_finite() && area > 0.0)
-            .then_some(Sample { pixel: at as u32, center, factor, area })
+        // What is unknown is no edge.
+        let is_unknown = |beside: usize| self.depths[beside] == 0.0;
+        let linked = self.edges.around(at);
+        let goes_on = [
+            linked[0] || column == 0 || is_unknown(at - 1),
+            linked[1] || column + 1 == width || is_unknown(at + 1),
+            linked[2] || row == 0 || is_unknown(at - width),
+            linked[3] || row + 1 == height || is_unknown(at + width),
+        ];
+        let [x, y] = [Cut::of([goes_on[0], goes_on[1]]), Cut::of([goes_on[2], goes_on[3]])];
+        Surfel {
+            center: ray * depth + right * x.shift + down * y.shift,
+            // Its normal, down × right, faces the camera.
+            factor: Mat3::from_cols(down * y.sigma, right * x.sigma, Vec3::ZERO),
+            area: right.cross(down).length(),
+            color: self.color(at, linked),
+        }
+    }
+
+    /// The colour of a pixel, from which some of the blur of the kernels is taken back: their mean over a surface is about
+    /// c + ½σ²Δc.
+    fn color(&self, at: usize, [left, right, above, below]: [bool; 4]) -> [f32; 3] {
+        let colors = &self.image.colors;
+        let own = Vec3::from(colors[at]);
+        let mut color = own;
+        let mut take = |before: usize, after: usize| {
+            let curvature = Vec3::from(colors[before]) + Vec3::from(colors[after]) - 2.0 * own;
+            color -= curvature * (0.5 * SHARPENED);
+        };
+        if left && right {
+            take(at - 1, at + 1);
+        }
+        if above && below {
+            take(at - self.image.size[0], at + self.image.size[0]);
+        }
+        color.max(Vec3::ZERO).to_array()
     }
 }
 
@@ -118,46 +167,18 @@ struct Cut {
 }
 
 impl Cut {
-    /// The normal distribution cut off at the pixel's sides where the surface ends there: its mean and σ.
-    fn of(before: bool, after: bool) -> Self {
-        // A normal distribution cut off at σ of one side and of both.
-        const ONE_MEAN: f32 = 0.287_6;
-        const ONE_SIGMA: f32 = 0.793_5;
-        const TWO_SIGMA: f32 = 0.539_6;
-        let s = env("SIGMA", 0.45);
-        if env("CUT", 1.0) == 0.0 { return Self { shift: 0.0, sigma: s } }
-        match (before, after) {
-            (true, true) => Self { shift: 0.0, sigma: s },
-            (false, true) => Self { shift: ONE_MEAN * s, sigma: ONE_SIGMA * s },
-            (true, false) => Self { shift: -ONE_MEAN * s, sigma: ONE_SIGMA * s },
-            (false, false) => Self { shift: 0.0, sigma: TWO_SIGMA * s },
+    /// Mean and σ of a normal distribution that is cut off half a pixel, t = 1/(2 SIGMA), from its middle on both sides where the surface doesn't go on:
+    /// with λ = φ(t)/Φ(t) the mean −λ and the variance 1 − λ(λ + t) of one that is cut on the right, and 1 − 2tφ(t)/(2Φ(t) − 1) of one that is
+    /// cut on both.
+    fn of(goes_on: [bool; 2]) -> Self {
+        const MEAN: f32 = 0.248_3;
+        const ONE_SIDE: f32 = 0.813_9;
+        const TWO_SIDES: f32 = 0.589_9;
+        match goes_on {
+            [true, true] => Self { shift: 0.0, sigma: SIGMA },
+            [false, true] => Self { shift: MEAN * SIGMA, sigma: ONE_SIDE * SIGMA },
+            [true, false] => Self { shift: -MEAN * SIGMA, sigma: ONE_SIDE * SIGMA },
+            [false, false] => Self { shift: 0.0, sigma: TWO_SIDES * SIGMA },
         }
     }
-}
-
-use std::sync::OnceLock;
-fn env(n: &'static str, d: f32) -> f32 {
-    static A: OnceLock<std::collections::HashMap<String, f32>> = OnceLock::new();
-    let m = A.get_or_init(|| std::env::vars().filter_map(|(k, v)| Some((k, v.parse().ok()?))).collect());
-    m.get(n).copied().unwrap_or(d)
-}
-
-fn sharp(image: &RgbdImage, edges: &Edges, at: usize) -> [f32; 3] {
-    let amount = env("SHARP", 0.25) / 2.0;
-    let own = image.colors[at];
-    let around = edges.around(at);
-    let w = image.size[0];
-    let n = [at.wrapping_sub(1), at + 1, at.wrapping_sub(w), at + w];
-    std::array::from_fn(|c| {
-        let (mut lap, mut lo, mut hi) = (0.0, own[c], own[c]);
-        for pair in [0, 2] {
-            if around[pair] && around[pair + 1] {
-                for k in [pair, pair + 1] { lap += image.colors[n[k]][c] - own[c]; }
-            }
-            for k in [pair, pair + 1] { if around[k] { lo = lo.min(image.colors[n[k]][c]); hi = hi.max(image.colors[n[k]][c]); } }
-        }
-        let v = own[c] - amount * lap;
-        let over = env("OVER", 0.25) * (hi - lo);
-        v.clamp((lo - over).max(0.0), hi + over)
-    })
 }

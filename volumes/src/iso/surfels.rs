@@ -160,7 +160,7 @@ impl IsoSurfels {
     pub fn cloud(&self, settings: &IsoSettings) -> Result<Cloud, IsoError> {
         settings.check()?;
         let look = SurfelLook {
-            color: settings.color,
+            color: Some(settings.color),
             opacity: settings.opacity,
             depth_tolerance: self.depth_tolerance(),
             coverage_floor: self.coverage_floor(),
@@ -186,6 +186,7 @@ impl IsoSurfels {
                 center: surfel.center,
                 factor: surfel.factor(settings.flattening),
                 area: surfel.area,
+                color: settings.color,
             })
         };
         let cloud = Cloud::of_surfels(self.len(), &look, surfels)?;

@@ -1,0 +1,95 @@
+//! Several depth images in one picture.
+
+use super::surfels::Maker;
+use super::{DepthError, DepthSettings, RgbdImage};
+use glam::{DAffine3, DVec3};
+use oblate_engine::{Camera, Cloud, Projection, Surfel};
+use rayon::prelude::*;
+
+/// How fast trust in a sample falls as the new view turns away from the one that it was taken from: cosⁿ of the angle between.
+const TURNING: i32 = 4;
+
+/// The surfels of several depth images, a cloud for each, as they are best seen by `view`: where more than one shows a surface, each
+/// sample has a share that goes by how many pixels of the new view it is spread over and by how far the view turns. Shares of what lies at one place add up to 1, so that
+/// what is covered once by one image is covered once by all.
+///
+/// # Errors
+/// Those of [`super::depth_surfels`].
+pub fn merged_depth_surfels(
+    images: &[RgbdImage],
+    view: &Camera,
+    settings: &DepthSettings,
+) -> Result<Vec<Cloud>, DepthError> {
+    let makers = images.iter().map(Maker::new).collect::<Result<Vec<_>, _>>()?;
+    if let [one] = &makers[..] {
+        return Ok(vec![one.cloud(settings, |_, _| 1.0)?]);
+    }
+    let views: Vec<View> = makers.iter().map(|maker| View::new(maker, view)).collect();
+    let qualities: Vec<Vec<f32>> = views.iter().map(View::qualities).collect();
+    let share = |own: usize, at: usize, surfel: &Surfel| {
+        let place = views[own].to_world.transform_point3(surfel.center.as_dvec3());
+        let quality = qualities[own][at];
+        let others = (0..views.len()).filter(|other| *other != own);
+        let seen = others.filter_map(|other| Some(qualities[other][views[other].sees(place)?]));
+        let total = quality + seen.sum::<f32>();
+        if total > 0.0 { quality / total } else { 1.0 }
+    };
+    let cloud = |(own, maker): (usize, &Maker)| maker.cloud(settings, |at, surfel| share(own, at, surfel));
+    makers.iter().enumerate().map(cloud).collect()
+}
+
+/// An image beside the new view.
+struct View<'a> {
+    maker: &'a Maker<'a>,
+    to_world: DAffine3,
+    world_to_camera: DAffine3,
+    new: &'a Camera,
+}
+
+impl<'a> View<'a> {
+    fn new(maker: &'a Maker<'a>, new: &'a Camera) -> Self {
+        let world_to_camera = maker.image.pose.world_to_camera;
+        Self { maker, to_world: world_to_camera.inverse(), world_to_camera, new }
+    }
+
+    /// How well each pixel's sample serves the new view: 1 where it is no larger than a pixel there and seen from the same side.
+    fn qualities(&self) -> Vec<f32> {
+        let depths = &self.maker.depths;
+        let quality = |at: usize| if depths[at] > 0.0 { self.quality(&self.maker.surfel(at)) } else { 0.0 };
+        (0..depths.len()).into_par_iter().map(quality).collect()
+    }
+
+    fn quality(&self, surfel: &Surfel) -> f32 {
+        let place = self.to_world.transform_point3(surfel.center.as_dvec3());
+        let normal = surfel.factor.x_axis.cross(surfel.factor.y_axis).as_dvec3().normalize_or_zero();
+        let normal = self.to_world.transform_vector3(normal);
+        let pose = self.new.pose();
+        let there = pose.world_to_camera.transform_point3(place);
+        // Pixels of the new view that a surface's unit of area takes up, and the way to the eye.
+        let [per_area, to_eye] = match self.new.projection() {
+            Projection::Perspective => [normal * (1.0 / there.z.powi(3)), place - pose.eye()],
+            Projection::Orthographic => [normal, pose.forward()],
+        };
+        let focal = self.new.intrinsics().focal;
+        let spread = f64::from(surfel.area) * focal.x * focal.y * per_area.dot(to_eye).abs();
+        let own = self.to_world.translation;
+        let cosine = unit(to_eye).dot(unit(place - own)).max(0.0);
+        let is_ahead = self.new.projection() == Projection::Orthographic || there.z > 0.0;
+        if is_ahead { (cosine.powi(TURNING) / spread.max(1.0)) as f32 } else { 0.0 }
+    }
+
+    /// The pixel that shows a place of the world.
+    fn sees(&self, place: DVec3) -> Option<usize> {
+        let image = self.maker.image;
+        let there = self.world_to_camera.transform_point3(place);
+        let at = image.intrinsics.focal * there.truncate() / there.z + image.intrinsics.center;
+        let inside = (0..2).all(|axis| at[axis] >= 0.0 && at[axis] < image.size[axis] as f64);
+        let pixel = (there.z > 0.0 && inside).then(|| at.y as usize * image.size[0] + at.x as usize)?;
+        let depths = [self.maker.depths[pixel], there.z as f32];
+        (depths[0] > 0.0 && self.maker.steps.are_one_surface(depths, 1.0)).then_some(pixel)
+    }
+}
+
+fn unit(direction: DVec3) -> DVec3 {
+    direction.normalize_or_zero()
+}
