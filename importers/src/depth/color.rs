@@ -36,11 +36,7 @@ pub fn read_color(path: impl AsRef<Path>, max_memory: u64) -> Result<ColorImage,
         [0x89, b'P', b'N', b'G', ..] => ImageFormat::Png,
         [0xff, 0xd8, 0xff, ..] => ImageFormat::Jpeg,
         [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => ImageFormat::WebP,
-        bytes if exr::begins(bytes) => {
-            let (size, colors, opacities) = exr::colors(&file, max_memory)?;
-            let note = opacities.then(|| Note::LeftOut("the opacities of its pixels (A)".into()));
-            return Ok(ColorImage { size, colors, notes: note.into_iter().collect() });
-        }
+        bytes if exr::begins(bytes) => return exr::colors(&file, max_memory),
         bytes if pnm::begins(bytes) => {
             let pnm::Map { layout, bytes, channels, white } = pnm::read(&file)?;
             let size = [layout.dims[0] / channels, layout.dims[1]];

@@ -1,12 +1,13 @@
 //! OpenEXR: channels by their names, from the first part that has them.
 
+use super::ColorImage;
 use crate::file::File;
 use crate::grey::{Grey, NATIVE};
 use crate::inflate;
 use crate::meshes::texture::EXPANSION_LIMIT;
 use crate::scalar::Scalar;
 use crate::volumes::voxels::Layout;
-use crate::{ImportError, Place};
+use crate::{ImportError, Note, Place};
 use ::exr::block::UncompressedBlock;
 use ::exr::block::reader::ChunksReader;
 use ::exr::error::{Error, UnitResult};
@@ -46,14 +47,14 @@ pub(super) fn depths(file: &File, max_memory: u64) -> Result<Grey, ImportError> 
             .or_else(|| called(names, &|name| name == "Y" && names.len() == 1));
         found.map(|index| vec![index])
     };
-    let mut part = Part::find(file, find, "one channel Z, depth.Z, depth, or Y alone, has depths")?;
+    let part = Part::find(file, find, "one channel Z, depth.Z, depth, or Y alone, has depths")?;
     let (mut planes, scalars) = (part.read(max_memory)?, part.scalars());
     let layout = Layout { dims: [part.size[0], part.size[1], 1], scalar: scalars[0], endian: NATIVE };
     Ok(Grey { layout, bytes: planes.swap_remove(0), notes: Vec::new() })
 }
 
-/// Linear colours, their size, and whether there are opacities with them.
-pub(super) fn colors(file: &File, max_memory: u64) -> Result<([usize; 2], Vec<[f32; 3]>, bool), ImportError> {
+/// Linear colours.
+pub(super) fn colors(file: &File, max_memory: u64) -> Result<ColorImage, ImportError> {
     let find = |names: &[String]| {
         let called = |wanted: &str| names.iter().position(|name| name == wanted);
         let color = called("R").zip(called("G")).zip(called("B")).map(|((r, g), b)| vec![r, g, b]);
@@ -61,7 +62,7 @@ pub(super) fn colors(file: &File, max_memory: u64) -> Result<([usize; 2], Vec<[f
             called("Y").filter(|_| called("RY").is_none() && called("BY").is_none()).map(|y| vec![y])
         })
     };
-    let mut part = Part::find(file, find, "channels R, G and B, or Y, have colours")?;
+    let part = Part::find(file, find, "channels R, G and B, or Y, have colours")?;
     part.check_primaries()?;
     let opacities = part.header.channels.list.iter().any(|channel| channel.name.eq("A"));
     let (planes, scalars) = (part.read(max_memory)?, part.scalars());
@@ -79,7 +80,8 @@ pub(super) fn colors(file: &File, max_memory: u64) -> Result<([usize; 2], Vec<[f
         let place = Place::Part(format!("pixel ({}, {})", pixel % part.size[0], pixel / part.size[0]));
         return Err(file.malformed(place, format!("its colour is {:?}; it must be finite", colors[pixel])));
     }
-    Ok((part.size, colors, opacities))
+    let note = opacities.then(|| Note::LeftOut("the opacities of its pixels (A)".into()));
+    Ok(ColorImage { size: part.size, colors, notes: note.into_iter().collect() })
 }
 
 /// A part of a file, and which of its channels are wanted.
@@ -156,7 +158,7 @@ impl<'a> Part<'a> {
     }
 
     /// The wanted channels' numbers, a plane of bytes for each, halves as single precision.
-    fn read(&mut self, max_memory: u64) -> Result<Vec<Vec<u8>>, ImportError> {
+    fn read(&self, max_memory: u64) -> Result<Vec<Vec<u8>>, ImportError> {
         let whole = |problem: String| self.file.malformed(Place::Whole, problem);
         let [width, height] = self.size;
         let pixels =
@@ -192,12 +194,11 @@ impl<'a> Part<'a> {
 
     /// Refuses colours that other primaries than Rec. 709's add up to.
     fn check_primaries(&self) -> Result<(), ImportError> {
-        let all = self.header.shared_attributes.other.values();
-        let Some(said) = all.filter_map(|value| value.to_chromaticities().ok()).next() else { return Ok(()) };
+        let Some(said) = self.header.shared_attributes.chromaticities else { return Ok(()) };
         let said = [said.red, said.green, said.blue, said.white].map(|Vec2(x, y)| [x, y]);
-        let apart = said.iter().flatten().zip(REC_709.iter().flatten()).map(|(a, b)| (a - b).abs());
+        let mut apart = said.iter().flatten().zip(REC_709.iter().flatten()).map(|(a, b)| (a - b).abs());
         // NaN is not near.
-        if apart.into_iter().all(|apart| apart < 1e-3) {
+        if apart.all(|apart| apart < 1e-3) {
             return Ok(());
         }
         let feature =

@@ -49,12 +49,9 @@ const COLUMNS: usize = 8;
 pub fn read_poses(path: impl AsRef<Path>) -> Result<Vec<TimedPose>, ImportError> {
     let file = File::read(path.as_ref())?;
     let mut lines = Lines { file: &file, lines: file.bytes.split(|&b| b == b'\n').enumerate() };
-    let mut poses = Vec::new();
+    let (mut poses, mut columns) = (Vec::new(), None);
     while let Some(line) = lines.next()? {
-        let columns = match poses.is_empty() {
-            true => line.length,
-            false => lines_of(&poses),
-        };
+        let columns = *columns.get_or_insert(line.length);
         let (stamp, pose) = match columns {
             _ if line.length != columns => {
                 let problem = format!("{} numbers; poses before it begin with {columns}", line.length);
@@ -83,15 +80,6 @@ pub fn read_poses(path: impl AsRef<Path>) -> Result<Vec<TimedPose>, ImportError>
         return Err(file.malformed(Place::Whole, "there are no poses in it, at least one is needed"));
     }
     Ok(poses)
-}
-
-/// How many numbers the first line of a pose has, in the format of those that were read.
-fn lines_of(poses: &[TimedPose]) -> usize {
-    match poses[0].stamp {
-        Stamp::Unsaid => 4,
-        Stamp::Time(_) => 8,
-        Stamp::Frame(_) => 3,
-    }
 }
 
 /// The stamp of a log's matrix.
@@ -164,8 +152,8 @@ fn matrix<'a>(
         return malformed(first.number, "the matrix mirrors; a rigid motion has the determinant 1".into());
     }
     let to_world = DAffine3 {
-        matrix3: nearest_rotation(axes).into(),
-        translation: DVec3::new(rows[0][3], rows[1][3], rows[2][3]).into(),
+        matrix3: nearest_rotation(axes),
+        translation: DVec3::new(rows[0][3], rows[1][3], rows[2][3]),
     };
     Ok(Pose { world_to_camera: to_world.inverse() })
 }
