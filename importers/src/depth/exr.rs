@@ -1,4 +1,6 @@
 //! OpenEXR: channels by their names, from the first part that has them.
+//!
+//! Parts under B44 and DWA are refused: these lose what depths are about, and their decoder does not keep to the bounds of broken ones.
 
 use super::ColorImage;
 use crate::file::File;
@@ -164,8 +166,16 @@ impl<'a> Part<'a> {
         let pixels =
             Layout { dims: [width, height, 1], scalar: Scalar::U8, endian: NATIVE }.bytes(self.file)?;
         let stored = pixels.saturating_mul(self.header.channels.bytes_per_pixel);
+        use Compression::{PIZ, PXR24, RLE, Uncompressed, ZIP1, ZIP16};
+        if !matches!(self.header.compression, Uncompressed | RLE | ZIP1 | ZIP16 | PIZ | PXR24) {
+            let feature = format!(
+                "{} is not read; save it under ZIP, PIZ, RLE, PXR24 or none",
+                self.header.compression
+            );
+            return Err(self.file.unsupported(Place::Whole, feature));
+        }
         let length = self.file.bytes.len();
-        let uncompressed = self.header.compression == Compression::Uncompressed;
+        let uncompressed = self.header.compression == Uncompressed;
         let most = if uncompressed { length } else { length.saturating_mul(EXPANSION_LIMIT as usize) };
         if stored > most {
             return Err(whole(format!("{length} bytes cannot hold {width}x{height} pixels")));

@@ -41,7 +41,7 @@ const COLUMNS: usize = 8;
 /// | eight numbers | TUM's trajectories: time, position, quaternion x y z w |
 /// | three whole numbers, then four lines of four | logs of Redwood, Open3D, Tanks and Temples: the first number is the frame's; the second must be the same, the third says nothing |
 ///
-/// Empty lines, and what follows `#`, say nothing. Rotations that are rounded off by up to 1e-3 become the nearest ones.
+/// Empty lines, and those that begin with `#`, say nothing. Rotations that are rounded off by up to 1e-3 become the nearest ones.
 ///
 /// # Errors
 /// When the file cannot be read, is none of the above or has no poses; with the line where a number is none or not finite, or a matrix is no rigid
@@ -182,7 +182,9 @@ struct Lines<'a, L> {
 impl<'a, L: Iterator<Item = (usize, &'a [u8])>> Lines<'a, L> {
     fn next(&mut self) -> Result<Option<Line>, ImportError> {
         for (index, text) in self.lines.by_ref() {
-            let text = text.split(|&b| b == b'#').next().unwrap_or_default();
+            if text.trim_ascii_start().starts_with(b"#") {
+                continue;
+            }
             let mut line = Line { number: index + 1, numbers: [0.0; COLUMNS], length: 0 };
             for word in text.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()) {
                 let number = str::from_utf8(word).ok().and_then(|word| word.parse().ok());

@@ -3,6 +3,7 @@
 use crate::common::Folder;
 use crate::mutation::broken;
 use crate::tiff::{LITTLE, fields};
+use ::exr::image::write::layers::WritableLayers;
 use ::exr::meta::attribute::Chromaticities;
 use ::exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, ImageAttributes,
@@ -92,7 +93,7 @@ fn exr_layer(
     Layer::new((3, 2), LayerAttributes::default(), encoding, AnyChannels::sort(list))
 }
 
-fn written<'a, L>(image: &'a impl WritableImage<'a, L>) -> Vec<u8> {
+fn written<'a, L: WritableLayers<'a>>(image: &'a Image<L>) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
     image.write().to_buffered(&mut bytes).unwrap();
     bytes.into_inner()
@@ -134,7 +135,7 @@ pub(crate) fn pictures() -> Vec<Vec<u8>> {
         exr_as(vec![("Z", floats(z))], Compression::RLE),
         exr_as(rgb(), Compression::PIZ),
         exr_as(vec![("Z", floats(z))], Compression::PXR24),
-        exr_as(rgb(), Compression::B44A),
+        exr_as(rgb(), Compression::PXR24),
         written(&Image::from_layer(exr_layer(vec![("Y", halves(z))], Compression::ZIP1, tiles))),
     ]
 }
@@ -275,6 +276,8 @@ fn channels_of_exr() {
     refuses(vec![("R", other()), ("G", other()), ("B", other())], &["channels are B, G, R", "Z, depth.Z"]);
     refuses(vec![("a.Depth.Z", other()), ("b.Depth.Z", other())], &["a.Depth.Z, b.Depth.Z"]);
     refuses(vec![("Y", other()), ("A", other())], &["A, Y"]);
+    let lossy = exr_as(vec![("Z", halves(known))], Compression::B44);
+    refused(depth_as(&lossy, &DepthEncoding::Auto), &["b44", "ZIP"]);
     let mut crop = Image::from_layer(exr_layer(vec![("Z", other())], Compression::ZIP16, Blocks::ScanLines));
     crop.attributes.display_window = IntegerBounds::from_dimensions((6, 4));
     refused(depth_as(&written(&crop), &DepthEncoding::Auto), &["3x2 of 6x4", "cropped"]);
@@ -332,7 +335,7 @@ fn memory_is_limited() {
     {
         refused(depth_as(&grown(right, bottom), &DepthEncoding::Auto), &[]);
     }
-    refused(depth_as(&grown(1 << 30, 15), &DepthEncoding::Auto), &["cannot hold"]);
+    refused(depth_as(&grown(1 << 29, 15), &DepthEncoding::Auto), &["cannot hold"]);
     for bytes in pictures() {
         let path = Folder::new();
         let path = path.write("a", &bytes);
@@ -458,7 +461,7 @@ fn poses_that_are_none() {
     refused(of("1 0.01 0 0"), &["line 2", "off the identity"]);
     refused(of("0 0 0 0"), &["line 2", "no rotation"]);
     refused(of("-1 0 0 0"), &["line 2", "mirrors"]);
-    refused(of("1 0 0"), &["line 3", "0 and 1"]);
+    refused(of("1 0 0"), &["line 2", "between 1 and 0"]);
     refused(of("1 0 0 0 0"), &["line 2", "5 numbers"]);
     refused(poses("1 0 0 0\n0 1 0 0\n0 0 1\n"), &["line 3", "3 numbers"]);
     refused(poses("1 0 0 0\n0 1 0 0\n0 0 1 0\n"), &["after 3 of four lines"]);
@@ -485,8 +488,7 @@ fn intrinsics_of_open3d() {
 }
 
 /// What opened keeps its promises.
-fn check(bytes: &[u8]) {
-    let folder = Folder::new();
+fn check(folder: &Folder, bytes: &[u8]) {
     let path = folder.write("a", bytes);
     let disparity = DepthEncoding::Disparity { baseline_focal: 1.0, offset: -3.0, scale: 1.0 };
     for encoding in [DepthEncoding::Auto, disparity, DepthEncoding::SunRgbd, DepthEncoding::NyuRaw] {
@@ -503,16 +505,17 @@ fn check(bytes: &[u8]) {
 
 #[test]
 fn broken_pictures() {
+    let folder = Folder::new();
     for bytes in pictures() {
-        broken(&bytes, check);
+        broken(&bytes, |bytes| check(&folder, bytes));
     }
 }
 
 #[test]
 fn broken_texts() {
+    let folder = Folder::new();
     for bytes in texts() {
         broken(&bytes, |bytes| {
-            let folder = Folder::new();
             let path = folder.write("a", bytes);
             for TimedPose { pose, .. } in read_poses(&path).unwrap_or_default() {
                 assert!(pose.world_to_camera.is_finite());
