@@ -460,7 +460,7 @@ fn disparities_of_two_cameras_agree() {
     let encoding = DepthEncoding::Disparity { baseline_focal: 1.0, offset: 0.0, scale: 4.0 };
     let Some(left) = depth_map("middlebury2003_teddy/disp2.pgm", &encoding) else { return };
     let Some(right) = depth_map("middlebury2003_teddy/disp6.pgm", &encoding) else { return };
-    assert_eq!((left.size, left.depths[0]), ([450, 375], (4.0_f64 / 125.0) as f32));
+    assert_eq!((left.size, left.depths[0]), ([450, 375], (4.0_f64 / 89.0) as f32));
     assert_eq!(left.depths.iter().filter(|depth| **depth == 0.0).count(), 3406);
     let (mut compared, mut agreeing) = (0, 0);
     for (index, depth) in left.depths.iter().enumerate().filter(|(_, depth)| **depth > 0.0) {
