@@ -100,20 +100,13 @@ fn exr_layer_of(
     Layer::new(size, LayerAttributes::default(), encoding, AnyChannels::sort(list))
 }
 
-/// So large and smooth that compression makes it smaller: chunks that it doesn't are stored as they are.
-fn smooth_exr(compression: Compression, blocks: Blocks) -> Vec<u8> {
-    let ramp: Vec<f32> = (0..16 * 18).map(|index| 1.0 + (index / 32) as f32).collect();
-    let half = FlatSamples::F16(ramp.iter().map(|z| f16::from_f32(*z)).collect());
-    let flags = FlatSamples::U32(ramp.iter().map(|z| *z as u32 / 8).collect());
-    let channels = vec![
-        ("Z", FlatSamples::F32(ramp)),
-        ("R", half.clone()),
-        ("G", half.clone()),
-        ("B", half),
-        ("id", flags),
-    ];
+/// So large and smooth that compression makes it smaller: chunks that it doesn't are stored as they are. The numbers are 1 to 16, each in two rows of 16.
+fn smooth_exr(single: bool, compression: Compression, blocks: Blocks) -> Vec<u8> {
+    let ramp = (0..16 * 32).map(|index| 1 + index / 32);
+    let floats = || FlatSamples::F32(ramp.clone().map(|n| n as f32).collect());
+    let samples = if single { floats() } else { FlatSamples::U32(ramp.clone().collect()) };
     let encoding = Encoding { compression, blocks, line_order: LineOrder::Increasing };
-    written(&Image::from_layer(exr_layer_of((16, 18), channels, encoding)))
+    written(&Image::from_layer(exr_layer_of((16, 32), vec![("Y", samples)], encoding)))
 }
 
 fn written<'a, L: WritableLayers<'a>>(image: &'a Image<L>) -> Vec<u8> {
@@ -142,7 +135,7 @@ fn halves(values: [f32; 6]) -> FlatSamples {
 pub(crate) fn pictures() -> Vec<Vec<u8>> {
     let z = [0.0, 0.5, 1.0, 1.5, 2.0, 2.5];
     let rgb = || vec![("R", halves(z)), ("G", halves(z)), ("B", floats(z)), ("A", halves(z))];
-    let tiles = Blocks::Tiles(Vec2(9, 16));
+    let tiles = Blocks::Tiles(Vec2(9, 32));
     vec![
         png16(&STORED),
         encoded(&[7; 18], ExtendedColorType::Rgb8, ImageFormat::Png),
@@ -156,11 +149,10 @@ pub(crate) fn pictures() -> Vec<Vec<u8>> {
         pfm("-1", [[0.5, 1.0, 1.5], [2.0, 2.5, f32::NAN]]),
         exr_as(vec![("Z", floats(z))], Compression::Uncompressed),
         exr(rgb()),
-        smooth_exr(Compression::RLE, Blocks::ScanLines),
-        smooth_exr(Compression::ZIP1, Blocks::ScanLines),
-        smooth_exr(Compression::ZIP16, tiles),
-        smooth_exr(Compression::PIZ, Blocks::ScanLines),
-        smooth_exr(Compression::PXR24, Blocks::ScanLines),
+        smooth_exr(false, Compression::RLE, Blocks::ScanLines),
+        smooth_exr(true, Compression::ZIP16, tiles),
+        smooth_exr(false, Compression::PIZ, Blocks::ScanLines),
+        smooth_exr(true, Compression::PXR24, Blocks::ScanLines),
         written(&Image::from_layer(exr_layer(vec![("Y", halves(z))], Compression::ZIP1, tiles))),
     ]
 }
@@ -289,13 +281,13 @@ fn channels_of_exr() {
         let layer = exr_layer(vec![("Z", halves(known))], compression, tiles);
         assert_eq!(depths(&written(&Image::from_layer(layer))), known, "{compression:?}");
     }
-    for compression in [RLE, ZIP1, ZIP16, PIZ, PXR24] {
-        for blocks in [Blocks::ScanLines, Blocks::Tiles(Vec2(9, 16))] {
-            let bytes = smooth_exr(compression, blocks);
-            assert!(bytes.len() < 16 * 18 * 14, "{compression:?} should make it smaller");
-            let map = depth_as(&bytes, &DepthEncoding::Auto).unwrap();
+    for (single, compression) in [(false, RLE), (true, ZIP1), (true, ZIP16), (false, PIZ), (true, PXR24)] {
+        for blocks in [Blocks::ScanLines, Blocks::Tiles(Vec2(9, 32))] {
+            let bytes = smooth_exr(single, compression, blocks);
+            assert!(bytes.len() < 16 * 32 * 4, "{compression:?} should make it smaller");
+            let map = depth_as(&bytes, &DepthEncoding::Units(1.0)).unwrap();
             assert!(
-                (0..16 * 18).all(|index| map.depths[index] == 1.0 + (index / 32) as f32),
+                (0..16 * 32).all(|index| map.depths[index] == 1.0 + (index / 32) as f32),
                 "{compression:?}"
             );
         }
