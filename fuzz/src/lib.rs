@@ -1,9 +1,10 @@
-//! What all fuzz targets do: open a file, and hold what it gave to its promises.
+//! What fuzz targets do: read a file, and hold what it gave to its promises.
 
 use oblate::engine::Cloud;
+use oblate::importers::depth::{DepthEncoding, read_color, read_depth, read_intrinsics, read_poses};
 use oblate::importers::{Content, OpenOptions, open as open_file};
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 use tempfile::TempDir;
 
@@ -23,10 +24,44 @@ static FOLDER: LazyLock<TempDir> = LazyLock::new(|| {
     folder
 });
 
-/// Opens `bytes` under a name: anything but a panic, a hang or much memory is right.
-pub fn open(name: &str, bytes: &[u8]) {
+/// A file of `bytes`.
+fn written(name: &str, bytes: &[u8]) -> PathBuf {
     let path = FOLDER.path().join(name);
     fs::write(&path, bytes).expect("a file can be written");
+    path
+}
+
+/// Reads `bytes` as a depth map, under every encoding, and as a photograph.
+pub fn depth(bytes: &[u8]) {
+    let path = written("depth", bytes);
+    let disparity = DepthEncoding::Disparity { baseline_focal: 1.0, offset: -3.0, scale: 1.0 };
+    for encoding in [DepthEncoding::Auto, disparity, DepthEncoding::SunRgbd, DepthEncoding::NyuRaw] {
+        if let Ok(map) = read_depth(&path, &encoding, MAX_MEMORY) {
+            assert_eq!(map.depths.len(), map.size[0] * map.size[1]);
+            assert!(map.depths.iter().all(|depth| depth.is_finite() && *depth >= 0.0));
+        }
+    }
+    if let Ok(picture) = read_color(&path, MAX_MEMORY) {
+        assert_eq!(picture.colors.len(), picture.size[0] * picture.size[1]);
+        assert!(picture.colors.iter().flatten().all(|c| c.is_finite()));
+    }
+}
+
+/// Reads `bytes` as poses and as intrinsics.
+pub fn poses(bytes: &[u8]) {
+    let path = written("poses", bytes);
+    for timed in read_poses(&path).unwrap_or_default() {
+        let to_camera = timed.pose.world_to_camera;
+        assert!(to_camera.is_finite() && (to_camera.matrix3.determinant() - 1.0).abs() < 1e-12);
+    }
+    if let Ok((_, intrinsics)) = read_intrinsics(&path) {
+        assert!(intrinsics.focal.is_finite() && intrinsics.center.is_finite());
+    }
+}
+
+/// Opens `bytes` under a name: anything but a panic, a hang or much memory is right.
+pub fn open(name: &str, bytes: &[u8]) {
+    let path = written(name, bytes);
     let options = OpenOptions { max_memory: MAX_MEMORY, ..OpenOptions::default() };
     let Ok(opened) = open_file(path, &options) else { return };
     match opened.content {

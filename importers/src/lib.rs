@@ -26,6 +26,9 @@
 //! | XYZ, PTS and other text | points | [`points::xyz`] |
 //! | raw samples, also under gzip | volume | [`volumes::raw`] |
 //!
+//! Depth maps, the photographs that belong to them and where their cameras stood are no content by themselves: [`depth`] reads
+//! each of them.
+//!
 //! Nothing a file says is believed before the file's own size was asked: declared sizes are compared with
 //! the bytes that are there before anything is allocated, decompression stops at the size that is
 //! expected, indices and offsets are checked, and what is wrong is an [`ImportError`] that says where.
@@ -34,14 +37,17 @@
 //! Volumes keep the frame of their file, whatever it calls its axes; samples are voxel centres.
 
 mod content;
+pub mod depth;
 mod error;
 pub mod export;
 mod file;
 mod format;
 pub mod gltf;
+mod grey;
 mod inflate;
 pub mod meshes;
 pub mod ply;
+mod pnm;
 pub mod points;
 mod scalar;
 mod source;

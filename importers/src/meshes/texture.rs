@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 /// Decoded bytes for each byte of a file, at most: PNG (deflate, 1032) and JPEG reach about a thousand with
 /// blank images, WebP more; RGBA from one channel of one bit adds up to 32.
-const EXPANSION_LIMIT: u64 = 32 * 1032;
+pub(crate) const EXPANSION_LIMIT: u64 = 32 * 1032;
 const MEMORY_LIMIT: u64 = 1 << 30;
 
 /// Decodes an image; what is wrong comes back as a sentence.

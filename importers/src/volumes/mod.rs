@@ -9,7 +9,6 @@ pub mod nifti;
 pub mod nrrd;
 pub mod plot3d;
 pub mod raw;
-mod slice;
 pub mod slices;
 pub mod tiff;
 mod tiff_pages;

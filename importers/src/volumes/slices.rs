@@ -12,8 +12,8 @@
 
 use crate::file::File;
 use crate::format;
+use crate::grey::{self, Grey};
 use crate::inflate;
-use crate::volumes::slice::{self, Slice};
 use crate::volumes::voxels::Layout;
 use crate::volumes::{dicom, raw};
 use crate::{Content, ImportError, Note, OpenOptions, Opened, Place};
@@ -36,7 +36,7 @@ pub(crate) fn read(folder: &Path, options: &OpenOptions) -> Result<Opened, Impor
     let folder = File { path: folder.to_owned(), bytes: Vec::new() };
     let (names, mut notes) = of_one_kind(&folder, &files)?;
     let order = numbered(&folder, &names)?;
-    let mut joined: Option<Slice> = None;
+    let mut joined: Option<Grey> = None;
     let mut packed = 0;
     for &index in &order {
         let file = File::read(&folder.path.join(&names[index]))?;
@@ -48,9 +48,9 @@ pub(crate) fn read(folder: &Path, options: &OpenOptions) -> Result<Opened, Impor
                 joined = Some(slice);
             }
             Some(joined) => {
-                let is = |slice: &Slice| (slice.layout.dims, slice.layout.scalar);
+                let is = |slice: &Grey| (slice.layout.dims, slice.layout.scalar);
                 if is(&slice) != is(joined) {
-                    let kind = |slice: &Slice| {
+                    let kind = |slice: &Grey| {
                         let [x, y, _] = slice.layout.dims;
                         format!("{x}x{y} samples of {:?}", slice.layout.scalar)
                     };
@@ -70,7 +70,7 @@ pub(crate) fn read(folder: &Path, options: &OpenOptions) -> Result<Opened, Impor
             }
         }
     }
-    let Some(Slice { layout, bytes, .. }) = joined else {
+    let Some(Grey { layout, bytes, .. }) = joined else {
         return Err(folder.malformed(Place::Whole, "there are no slices in it"));
     };
     let [x, y, _] = layout.dims;
@@ -207,8 +207,8 @@ fn numbered(folder: &File, names: &[String]) -> Result<Vec<usize>, ImportError> 
 }
 
 /// A slice of any kind, one of `count`.
-fn read_slice(file: &File, count: usize, options: &OpenOptions) -> Result<Slice, ImportError> {
-    if let Some(slice) = slice::read(file, options.max_memory)? {
+fn read_slice(file: &File, count: usize, options: &OpenOptions) -> Result<Grey, ImportError> {
+    if let Some(slice) = grey::read(file, options.max_memory)? {
         return Ok(slice);
     }
     if let Some(format) = format::of_beginning(&file.bytes) {
@@ -235,5 +235,5 @@ fn read_slice(file: &File, count: usize, options: &OpenOptions) -> Result<Slice,
         );
         return Err(file.malformed(Place::Whole, problem));
     }
-    Ok(Slice { layout, bytes: file.bytes.clone(), notes: Vec::new() })
+    Ok(Grey { layout, bytes: file.bytes.clone(), notes: Vec::new() })
 }

@@ -18,11 +18,12 @@
 //! Sources: Adobe, *TIFF Revision 6.0*, 1992; `ij.io.FileSaver` of ImageJ; *OME-TIFF specification* and OME model 2016-06.
 
 use crate::file::File;
+use crate::grey::NATIVE;
 use crate::inflate;
 use crate::volumes::tiff_pages::{EXPANSION_LIMIT, Page, pages};
 use crate::volumes::voxels::Layout;
 use crate::volumes::xml;
-use crate::{Content, Endian, ImportError, Note, OpenOptions, Opened, Place};
+use crate::{Content, ImportError, Note, OpenOptions, Opened, Place};
 use glam::DVec3;
 use oblate_volumes::GridFrame;
 use roxmltree::Node;
@@ -36,9 +37,6 @@ pub(crate) struct Stack {
     pub(crate) bytes: Vec<u8>,
     pub(crate) notes: Vec<Note>,
 }
-
-/// The byte order in which samples are decoded.
-const NATIVE: Endian = if cfg!(target_endian = "big") { Endian::Big } else { Endian::Little };
 
 /// Bytes of a tile that is larger than its page, at most.
 const LARGEST_TILE: usize = 1 << 24;

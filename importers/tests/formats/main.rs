@@ -3,6 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests may panic as tests do")]
 
 mod common;
+mod depth;
 mod dicom;
 mod gltf;
 mod gltf_packed;

@@ -2,6 +2,7 @@
 //! cases than the usual 256; without it they are the same at every run.
 
 use crate::common::{Folder, png};
+use crate::depth;
 use crate::seeds::{self, Seed};
 use oblate_engine::{Cloud, Material};
 use oblate_importers::{Content, Opened};
@@ -118,16 +119,21 @@ fn survives(Seed { name, bytes, beside }: Seed) {
         folder.write(name, bytes);
     }
     check(&folder.open(name, &bytes).unwrap());
-    let mut copy = bytes.clone();
+    broken(&bytes, |bytes| outcome(&folder, name, bytes));
+}
+
+/// Copies cut at every byte, with every byte changed once, and changed at random.
+pub(crate) fn broken(bytes: &[u8], outcome: impl Fn(&[u8])) {
+    let mut copy = bytes.to_vec();
     for at in 0..bytes.len() {
-        outcome(&folder, name, &bytes[..at]);
+        outcome(&bytes[..at]);
         for mask in [1 << (at % 8), 0xff] {
             copy[at] ^= mask;
-            outcome(&folder, name, &copy);
+            outcome(&copy);
             copy[at] = bytes[at];
         }
     }
-    proptest!(config(), |(changes in vec(change(), 1..6))| outcome(&folder, name, &changed(bytes.clone(), &changes)));
+    proptest!(config(), |(changes in vec(change(), 1..6))| outcome(&changed(bytes.to_vec(), &changes)));
 }
 
 /// A test for each format's seeds.
@@ -201,6 +207,11 @@ fn seeds_are_written_for_fuzzing() {
         write(target, &format!("seed_{index}"), &seed.bytes);
         seed.beside.iter().for_each(|(name, bytes)| write(folder.join("beside"), name, bytes));
     }
+    for (target, seeds) in [("depth", depth::pictures()), ("poses", depth::texts())] {
+        for (index, bytes) in seeds.iter().enumerate() {
+            write(folder.join("corpus").join(target), &format!("seed_{index}"), bytes);
+        }
+    }
 }
 
 /// Images of splats beside the text that names them: in a zip file a checksum would stand before them.
@@ -216,19 +227,8 @@ fn sog_images() {
         }
     };
     for (image, good) in &beside {
-        let mut copy = good.clone();
-        for at in 0..good.len() {
-            folder.write(image, &good[..at]);
-            outcome();
-            for mask in [1 << (at % 8), 0xff] {
-                copy[at] ^= mask;
-                folder.write(image, &copy);
-                outcome();
-                copy[at] = good[at];
-            }
-        }
-        proptest!(config(), |(changes in vec(change(), 1..4))| {
-            folder.write(image, changed(good.clone(), &changes));
+        broken(good, |bytes| {
+            folder.write(image, bytes);
             outcome();
         });
         folder.write(image, good);

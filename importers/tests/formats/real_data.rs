@@ -2,9 +2,12 @@
 //! `OBLATE_REQUIRE_DATA=1`.
 
 use crate::common::{Folder, irregular, mesh, points, refused, splats, volume};
-use glam::{DVec3, Vec3};
+use glam::{DAffine3, DMat3, DVec2, DVec3, Vec3};
 use oblate_engine::color::linear_to_srgb;
-use oblate_engine::{Blend, OpacityFilter, Splats, Strength};
+use oblate_engine::{Blend, Intrinsics, OpacityFilter, Splats, Strength};
+use oblate_importers::depth::{
+    DepthEncoding, DepthMap, Stamp, read_color, read_depth, read_intrinsics, read_poses,
+};
 use oblate_importers::{Content, Endian, OpenOptions, RawLayout, SampleType, open};
 use oblate_surfels::{Mesh, Primitive};
 use oblate_volumes::{Partition, Residual, Volume, Voxels};
@@ -397,4 +400,151 @@ fn laser_scans() {
         assert_eq!(sum, intensities, "{name}");
         assert_eq!(cloud.colors.is_some(), name.ends_with("las"));
     }
+}
+
+fn depth_map(name: &str, encoding: &DepthEncoding) -> Option<DepthMap> {
+    data(&format!("rgbd/{name}")).map(|path| read_depth(path, encoding, OpenOptions::MAX_MEMORY).unwrap())
+}
+
+/// Columns, rows, largest depth, unknown ones and the sum: what Python's own decoding of the same files gives.
+#[test]
+fn depth_maps() {
+    let units = DepthEncoding::Units;
+    for (name, encoding, largest, unknown, sum) in [
+        ("open3d_livingroom/depth/00000.png", DepthEncoding::Auto, 2.702, 40071, 479_199.333),
+        ("7scenes/frame-000000.depth.png", DepthEncoding::Auto, 3.493, 33257, 526_822.367),
+        ("open3d_livingroom/other_formats/TUM_depth.png", units(1.0 / 5000.0), 9.331, 58950, 614_943.263),
+        ("open3d_livingroom/other_formats/SUN_depth.png", DepthEncoding::SunRgbd, 9.870, 56012, 794_985.691),
+    ] {
+        let Some(map) = depth_map(name, &encoding) else { return };
+        assert_eq!(map.size, [640, 480], "{name}");
+        assert_eq!(map.depths.iter().filter(|depth| **depth == 0.0).count(), unknown, "{name}");
+        assert_eq!(map.depths.iter().copied().fold(0.0, f32::max), largest, "{name}");
+        // Each depth is rounded by at most half a unit in the 24th binary digit.
+        let found: f64 = map.depths.iter().map(|depth| f64::from(*depth)).sum();
+        assert!((found - sum).abs() < 6e-8 * sum, "{name}: {found}");
+    }
+    let Some(map) = depth_map("open3d_livingroom/other_formats/NYU_depth.pgm", &DepthEncoding::NyuRaw) else {
+        return;
+    };
+    // 839 is the least that the Kinect measured, 1000 a depth of 3.8 metres; a map read in the wrong order has most pixels nearer than a metre.
+    let known: Vec<f32> = map.depths.iter().copied().filter(|depth| *depth > 0.0).collect();
+    assert_eq!(known.iter().copied().fold(f32::INFINITY, f32::min), (351.3 / 253.5) as f32);
+    assert!(
+        known.len() > 200_000 && known.iter().filter(|depth| **depth < 10.0).count() > known.len() * 99 / 100
+    );
+}
+
+#[test]
+fn photographs() {
+    for (name, size, pixel, srgb) in [
+        ("open3d_livingroom/other_formats/TUM_color.png", [640, 480], 240 * 640 + 320, [252, 252, 250]),
+        ("open3d_livingroom/other_formats/NYU_color.ppm", [640, 480], 240 * 640 + 320, [98, 102, 112]),
+        ("middlebury2003_teddy/im2.png", [450, 375], 187 * 450 + 225, [217, 211, 200]),
+    ] {
+        let Some(path) = data(&format!("rgbd/{name}")) else { return };
+        let picture = read_color(path, OpenOptions::MAX_MEMORY).unwrap();
+        assert_eq!((picture.size, picture.notes), (size, vec![]), "{name}");
+        let found = picture.colors[pixel].map(|c| (255.0 * linear_to_srgb(c)).round());
+        assert_eq!(found, srgb.map(|c| c as f32), "{name}");
+    }
+    for name in ["other_formats/SUN_color.jpg", "color/00000.jpg"] {
+        let Some(path) = data(&format!("rgbd/open3d_livingroom/{name}")) else { return };
+        assert_eq!(read_color(path, OpenOptions::MAX_MEMORY).unwrap().size, [640, 480], "{name}");
+    }
+}
+
+/// A pixel that one camera sees has, in the other picture, the same disparity where it is not hidden.
+#[test]
+fn disparities_of_two_cameras_agree() {
+    let encoding = DepthEncoding::Disparity { baseline_focal: 1.0, offset: 0.0, scale: 4.0 };
+    let Some(left) = depth_map("middlebury2003_teddy/disp2.pgm", &encoding) else { return };
+    let Some(right) = depth_map("middlebury2003_teddy/disp6.pgm", &encoding) else { return };
+    assert_eq!((left.size, left.depths[0]), ([450, 375], (4.0_f64 / 89.0) as f32));
+    assert_eq!(left.depths.iter().filter(|depth| **depth == 0.0).count(), 3406);
+    let (mut compared, mut agreeing) = (0, 0);
+    for (index, depth) in left.depths.iter().enumerate().filter(|(_, depth)| **depth > 0.0) {
+        let disparity = 1.0 / depth;
+        let column = (index % 450) as f32 - disparity;
+        if column >= 0.0 {
+            let other = right.depths[index - index % 450 + column.round() as usize];
+            compared += 1;
+            agreeing += usize::from((1.0 / other - disparity).abs() <= 1.0);
+        }
+    }
+    println!("{agreeing} of {compared} disparities agree");
+    assert!(agreeing * 10 > compared * 8);
+}
+
+/// What one camera sees lies, by both poses and the intrinsics, where another camera sees it: half a second apart, so that little is hidden.
+#[test]
+fn depths_of_two_poses_agree() {
+    let scenes = Intrinsics { focal: DVec2::splat(585.0), center: DVec2::new(320.5, 240.5) };
+    let Some(camera) = data("rgbd/open3d_livingroom/camera_primesense.json") else { return };
+    let (size, room) = read_intrinsics(camera).unwrap();
+    assert_eq!((size, room.focal, room.center), ([640, 480], DVec2::splat(525.0), DVec2::new(320.0, 240.0)));
+    let Some(log) = data("rgbd/open3d_livingroom/trajectory.log") else { return };
+    let log = read_poses(log).unwrap();
+    assert!(log.iter().enumerate().all(|(index, timed)| timed.stamp == Stamp::Frame(index as u64)));
+    let scene = |frame: &str| {
+        let path = data(&format!("rgbd/7scenes/frame-{frame}.pose.txt"))?;
+        Some(read_poses(path).unwrap()[0].pose)
+    };
+    let Some((first, second)) = scene("000000").zip(scene("000020")) else { return };
+    let png = |frame: &str| format!("7scenes/frame-{frame}.depth.png");
+    for (names, poses, intrinsics) in [
+        ([png("000000"), png("000020")], [first, second], scenes),
+        (
+            [0, 4].map(|frame| format!("open3d_livingroom/depth/0000{frame}.png")),
+            [log[0].pose, log[4].pose],
+            room,
+        ),
+    ] {
+        let [Some(from), Some(to)] = names.each_ref().map(|name| depth_map(name, &DepthEncoding::Auto))
+        else {
+            return;
+        };
+        let motion = poses[1].world_to_camera * poses[0].world_to_camera.inverse();
+        let agree = |motion: DAffine3| {
+            let (mut compared, mut agreeing) = (0_usize, 0_usize);
+            for (index, depth) in from.depths.iter().enumerate().filter(|(_, depth)| **depth > 0.0) {
+                let pixel = DVec2::new((index % 640) as f64, (index / 640) as f64) + 0.5;
+                let ray = ((pixel - intrinsics.center) / intrinsics.focal).extend(1.0);
+                let point = motion.transform_point3(ray * f64::from(*depth));
+                let place = (point.truncate() / point.z * intrinsics.focal + intrinsics.center).floor();
+                if point.z > 0.0
+                    && place.cmpge(DVec2::ZERO).all()
+                    && place.cmplt(DVec2::new(640.0, 480.0)).all()
+                {
+                    let there = f64::from(to.depths[place.y as usize * 640 + place.x as usize]);
+                    if there > 0.0 {
+                        compared += 1;
+                        agreeing += usize::from((there - point.z).abs() < 0.01 * there);
+                    }
+                }
+            }
+            agreeing as f64 / compared as f64
+        };
+        let (moved, unmoved) = (agree(motion), agree(DAffine3::IDENTITY));
+        println!("{}: {moved:.3} of the depths agree within 1 %, {unmoved:.3} without the motion", names[1]);
+        assert!(moved > 0.8 && moved > unmoved);
+    }
+}
+
+/// Positions are near each other in time, and all are rigid.
+#[test]
+fn every_pose_is_rigid() {
+    let Some(folder) = data("rgbd/7scenes") else { return };
+    let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let files: Vec<PathBuf> = files.filter(|path| path.to_string_lossy().ends_with(".pose.txt")).collect();
+    assert!(files.len() > 50);
+    for path in files {
+        let poses = read_poses(&path).unwrap();
+        assert!(poses.len() == 1 && poses[0].stamp == Stamp::Unsaid, "{}", path.display());
+        let matrix = poses[0].pose.world_to_camera.matrix3;
+        let off = (matrix.transpose() * matrix - DMat3::IDENTITY).to_cols_array();
+        assert!(off.iter().all(|o| o.abs() < 1e-14), "{}", path.display());
+    }
+    let Some(odometry) = data("rgbd/open3d_livingroom/odometry.log") else { return };
+    assert_eq!(read_poses(odometry).unwrap().len(), 5);
 }

@@ -151,7 +151,7 @@ fn slices_must_be_alike_and_grey() {
     second(&png(&[9; 24], image::ExtendedColorType::La8), &["La8"]);
     second(&tiff(&[9; 12])[..40], &["bytes"]);
     let pages = [(fields([1, 1], 8, 1), vec![1]), (fields([1, 1], 8, 1), vec![1])];
-    second(&LITTLE.file(&pages, None), &["2 pages, but one slice"]);
+    second(&LITTLE.file(&pages, None), &["2 pages, but a picture has one"]);
     second(b"ply\nformat ascii 1.0\n", &["PLY, which is no slice"]);
     second(&gzip(&[0; 12]), &["give their dims"]);
     // A PNG of 60000² pixels in a few bytes: its sizes are at byte 16.
