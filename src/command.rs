@@ -6,6 +6,7 @@ pub(crate) mod extract;
 pub(crate) mod info;
 pub(crate) mod pick;
 pub(crate) mod render;
+pub(crate) mod warp;
 
 use anyhow::{Context, Result, ensure};
 use std::io::{ErrorKind, Write};

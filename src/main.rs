@@ -5,6 +5,7 @@ mod built_in;
 mod check;
 mod command;
 mod content;
+mod depth_inputs;
 mod description;
 mod detail;
 mod draw;
@@ -39,6 +40,7 @@ enum Command {
     Pick(Box<command::pick::PickArgs>),
     Convert(Box<command::convert::ConvertArgs>),
     Extract(Box<command::extract::ExtractArgs>),
+    Warp(Box<command::warp::WarpArgs>),
     Compare(command::compare::CompareArgs),
 }
 
@@ -50,6 +52,7 @@ fn main() -> ExitCode {
         Command::Pick(args) => command::pick::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Convert(args) => command::convert::run(*args).map(|()| ExitCode::SUCCESS),
         Command::Extract(args) => command::extract::run(*args).map(|()| ExitCode::SUCCESS),
+        Command::Warp(args) => command::warp::run(*args).map(|()| ExitCode::SUCCESS),
         Command::Compare(args) => command::compare::run(&args),
     };
     result.unwrap_or_else(|error| {

@@ -81,6 +81,13 @@ impl TryFrom<Number> for Tolerance {
     }
 }
 
+/// `1/5000` or `0.001`, finite and above 0.
+pub(crate) fn fraction(text: &str) -> Result<f64, String> {
+    let wrong = || format!("`{text}` is no number above 0; write it as 1/5000 or 0.0002");
+    let Tolerance(number) = text.parse().map_err(|_| wrong())?;
+    if number > 0.0 && number.is_finite() { Ok(number) } else { Err(wrong()) }
+}
+
 /// Numbers between separators, as many as fit the array.
 fn separated<T: FromStr + Copy, const N: usize>(text: &str, by: char, like: &str) -> Result<[T; N], String> {
     let wrong = || format!("`{text}` is not {N} numbers; write them like {like}");

@@ -47,6 +47,15 @@ impl Format {
     }
 }
 
+/// Writes frames of one size as an animated PNG that goes on and on: size, number of frames and frames a second.
+pub(crate) fn write_animation(
+    (size, count, rate): ([u32; 2], usize, u16),
+    frames: &mut dyn Iterator<Item = Result<Frame>>,
+    file: &mut dyn WriteSeek,
+) -> Result<()> {
+    png::write_animation((size, count, rate), frames, file)
+}
+
 /// The unit of a picture's values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Unit {

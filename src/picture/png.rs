@@ -17,10 +17,12 @@ fn display([r, g, b, a]: [f32; 4]) -> [f32; 4] {
     [channel(r), channel(g), channel(b), alpha]
 }
 
+fn bytes(frame: &Frame) -> Vec<u8> {
+    frame.color.iter().flat_map(|c| display(*c).map(|v| (v * 255.0).round() as u8)).collect()
+}
+
 pub(super) fn write_8(frame: &Frame, file: &mut dyn WriteSeek) -> Result<()> {
-    let bytes: Vec<u8> =
-        frame.color.iter().flat_map(|c| display(*c).map(|v| (v * 255.0).round() as u8)).collect();
-    encode(&bytes, [frame.width, frame.height], ExtendedColorType::Rgba8, file)
+    encode(&bytes(frame), [frame.width, frame.height], ExtendedColorType::Rgba8, file)
 }
 
 pub(super) fn write_16(frame: &Frame, file: &mut dyn WriteSeek) -> Result<()> {
@@ -32,6 +34,23 @@ pub(super) fn write_16(frame: &Frame, file: &mut dyn WriteSeek) -> Result<()> {
         .flatten()
         .collect();
     encode(&bytes, [frame.width, frame.height], ExtendedColorType::Rgba16, file)
+}
+
+pub(super) fn write_animation(
+    (size, count, rate): ([u32; 2], usize, u16),
+    frames: &mut dyn Iterator<Item = Result<Frame>>,
+    file: &mut dyn WriteSeek,
+) -> Result<()> {
+    let mut encoder = ::png::Encoder::new(file, size[0], size[1]);
+    encoder.set_color(::png::ColorType::Rgba);
+    encoder.set_animated(u32::try_from(count)?, 0)?;
+    encoder.set_frame_delay(1, rate)?;
+    let mut writer = encoder.write_header()?;
+    for frame in frames {
+        writer.write_image_data(&bytes(&frame?))?;
+    }
+    writer.finish()?;
+    Ok(())
 }
 
 pub(super) fn write_rgb_8(size: [usize; 2], levels: &[[u8; 3]], file: &mut dyn WriteSeek) -> Result<()> {
