@@ -110,7 +110,7 @@ impl<'a> Maker<'a> {
         let measured = self.depths[at];
         let fitted = 1.0 / plane.inverse;
         // Beyond a step that links pixels no plane is believed.
-        let is_near = self.steps.are_one_surface([fitted, measured], 1.0);
+        let is_near = self.steps.are_one_surface([fitted, measured]);
         let depth = if is_near { fitted } else { measured };
         // p = ray/d: its derivatives in the plane, a pixel to the right and a pixel down.
         let along = |axis: usize| {
