@@ -284,7 +284,7 @@ fn disocclusions_are_filled_from_the_background() {
     for y in 10..110 {
         for x in 100..150 {
             let at = y * 192 + x;
-            assert!(frame.color[at][3] > 0.999, "{x}, {y}");
+            assert!(frame.color[at][3] >= 0.98, "{x}, {y}: {:?}", frame.color[at]);
             let truth =
                 grey(new.pose().eye(), direction(&new, DVec2::new(x as f64, y as f64) + 0.5)).unwrap();
             let is_wall = truth.0 > 1.2 && frame.median_depth[at] > 1.2;
@@ -303,7 +303,9 @@ fn disocclusions_are_filled_from_the_background() {
 #[test]
 fn scattered_depths_become_dense() {
     let full = image(&front(), &wall);
-    let keep = |at: usize| (at * 7919) % 50 == 0;
+    let keep = |at: usize| {
+        (at as u32).wrapping_mul(2_654_435_761).rotate_left(15).wrapping_mul(2_246_822_519) % 50 == 0
+    };
     let sparse = |image: &RgbdImage| RgbdImage {
         depths: image
             .depths

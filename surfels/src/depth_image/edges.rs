@@ -13,10 +13,10 @@ pub(super) const STEEPEST: f32 = 28.6;
 /// How far, in pixel widths, depths may lie off what goes on as it began; and as a share of the step.
 const OFF: [f32; 2] = [0.5, 0.1];
 
-/// Scattered depths are of one surface up to 72° to the ray, in pixel widths a pixel, and where they differ by a tenth at most, as rows of laser scanners
-/// on the ground do.
+/// Scattered depths are of one surface up to 72° to the ray, in pixel widths a pixel; in any case where they differ by a tenth, as rows of laser scanners on
+/// the ground do, and never where they differ by more than a quarter.
 const SLOPE: f32 = 3.0;
-const SHARE: f32 = 0.1;
+const SHARES: [f32; 2] = [0.1, 0.25];
 
 /// Tells steps from surfaces.
 #[derive(Clone, Copy)]
@@ -38,7 +38,7 @@ impl Steps {
     /// Whether depths that are several pixels apart are taken for one surface, with nothing known between them.
     pub(super) fn may_go_on(&self, [a, b]: [f32; 2], pixels: f32) -> bool {
         let slope = SLOPE * pixels / self.focal[0].min(self.focal[1]);
-        (a - b).abs() <= slope.max(SHARE) * a.min(b)
+        (a - b).abs() <= slope.clamp(SHARES[0], SHARES[1]) * a.min(b)
     }
 
     /// Whether the second and third of four depths along a line of pixels are of one surface. In 1/z planes are linear, and so is what
