@@ -21,7 +21,7 @@ fn at(place: DVec3, turn: f64) -> Pose {
 fn camera(pose: Pose, focal: f64, size: [u32; 2]) -> Camera {
     let center = DVec2::new(f64::from(size[0]), f64::from(size[1])) / 2.0;
     let intrinsics = Intrinsics { focal: DVec2::splat(focal), center };
-    Camera::from_intrinsics(pose, intrinsics, Projection::Perspective, size).unwrap()
+    Camera::from_intrinsics(pose, intrinsics, Projection::Perspective, size).expect("a camera")
 }
 
 /// What a ray sees: the distance in lengths of its direction, and a colour.
@@ -79,11 +79,11 @@ fn settings() -> RenderSettings {
 }
 
 fn drawn(clouds: Vec<Cloud>, camera: &Camera) -> Frame {
-    render(&Scene { clouds, lights: Vec::new() }, camera, &settings(), &()).unwrap()
+    render(&Scene { clouds, lights: Vec::new() }, camera, &settings(), &()).expect("the scene is right")
 }
 
 fn warped(image: &RgbdImage, camera: &Camera) -> Frame {
-    drawn(vec![depth_surfels(image, &DepthSettings::default()).unwrap()], camera)
+    drawn(vec![depth_surfels(image, &DepthSettings::default()).expect("the image is right")], camera)
 }
 
 /// Display-encoded.
@@ -304,7 +304,7 @@ fn disocclusions_are_filled_from_the_background() {
 fn scattered_depths_become_dense() {
     let full = image(&front(), &wall);
     let keep = |at: usize| {
-        (at as u32).wrapping_mul(2_654_435_761).rotate_left(15).wrapping_mul(2_246_822_519) % 50 == 0
+        (at as u32).wrapping_mul(2_654_435_761).rotate_left(15).wrapping_mul(2_246_822_519).is_multiple_of(50)
     };
     let sparse = |image: &RgbdImage| RgbdImage {
         depths: image
@@ -347,7 +347,9 @@ fn several_views_share_a_surface() {
         let shown = shown(&frame);
         psnr(inner.iter().map(|at| (shown[*at], truth[*at])))
     };
-    let alone = |image: &RgbdImage| vec![depth_surfels(image, &DepthSettings::default()).unwrap()];
+    let alone = |image: &RgbdImage| {
+        vec![depth_surfels(image, &DepthSettings::default()).expect("the image is right")]
+    };
     let [near_db, far_db, both_db] = [error(alone(&images[0])), error(alone(&images[1])), error(clouds)];
     println!("near {near_db:.1}, far {far_db:.1}, both {both_db:.1} dB");
     assert!(both_db > far_db + 3.0 && both_db > near_db - 3.0, "{near_db} {far_db} {both_db}");

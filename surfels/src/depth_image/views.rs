@@ -10,7 +10,7 @@ use rayon::prelude::*;
 const TURNING: i32 = 4;
 
 /// And as it is blurred over more pixels: a coarse sample hardly counts beside a fine one.
-const BLUR: i32 = 2;
+const BLUR: i32 = 3;
 
 /// The surfels of several depth images, a cloud for each, as they are best seen by `view`: where more than one shows a surface, each
 /// sample has a share that goes by how many pixels of the new view it is spread over and by how far the view turns. Shares of what lies at one place add up to 1, so that
