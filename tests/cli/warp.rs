@@ -50,8 +50,9 @@ fn a_wall_moves_by_its_disparity() {
     assert!(err.contains("wrote w.png, 64×48"), "{err}");
     let stats: Value = serde_json::from_str(&out).unwrap();
     assert_eq!(stats["surfels"], 64 * 48);
-    // Three columns have gone out at the left, three at the right show nothing.
-    assert_eq!(stats["holes"], 3 * 48);
+    // Three columns have gone out at the left; at the right nothing is shown in three, of which the border may take one.
+    let holes = stats["holes"].as_u64().unwrap();
+    assert!((2 * 48..=3 * 48).contains(&holes), "{holes}");
     let shown = levels(&place.path("w.png"));
     for (x, y) in [(4, 4), (12, 20), (36, 36), (44, 28)] {
         // Middles of fields of eight pixels, moved to the left by three.
@@ -64,7 +65,7 @@ fn a_wall_moves_by_its_disparity() {
     // Beside the photograph nothing is filled in.
     let [out, _] = place.run(&with(&["--to", "log.txt:1", "--fill", "-o", "f.png", "--stats", "-", "-q"]));
     let stats: Value = serde_json::from_str(&out).unwrap();
-    assert_eq!((&stats["filled"], &stats["holes"]), (&0.into(), &(3 * 48).into()));
+    assert_eq!((&stats["filled"], &stats["holes"]), (&0.into(), &holes.into()));
 }
 
 #[test]
@@ -112,7 +113,9 @@ fn a_sequence_is_an_animation_and_its_frames() {
     place.run(&with(&["--to", "log.txt:1", "-o", "end.png", "-q"]));
     place.run(&["compare", "way-0002.png", "end.png", "--max", "0"]);
     let half = levels(&place.path("way-0001.png"));
-    assert_eq!([pixel(&half, 61, 20)[3], pixel(&half, 63, 20)[3]], [255, 0]);
+    // One and a half columns are free, of which the border takes less than one.
+    let [inside, outside] = [61, 63].map(|x| pixel(&half, x, 20)[3]);
+    assert!(inside == 255 && outside < 64, "{inside} {outside}");
 }
 
 #[test]
