@@ -5,6 +5,7 @@
 
 mod edges;
 mod fill;
+mod lanes;
 mod plane;
 mod room;
 mod scattered;
