@@ -47,16 +47,24 @@ impl Steps {
         // In pixel widths at the nearer of both, times the lesser inverse depth: nothing is divided.
         let step = (far - near).abs() * self.focal[axis];
         let off = least.mul_add(splat(simd, OFF[0]), step * OFF[1]);
-        let goes_on = #[inline(always)]
-        |from: F<S>, by: F<S>, to: F<S>| {
-            let expected = by + by - from;
-            let is_expected = ((expected - to).abs() * by * self.focal[axis]).simd_le(off * expected);
-            from.simd_gt(zero) & expected.simd_gt(zero) & is_expected
-        };
-        let is_steep_surface = goes_on(before, near, far) | goes_on(after, far, near);
+        let is_steep_surface = self.goes_on(simd, [before, near, far], (axis, off))
+            | self.goes_on(simd, [after, far, near], (axis, off));
         let is_small = step.simd_le(least * STEP);
         let is_one = is_small | (step.simd_le(least * STEEPEST) & is_steep_surface);
         (least.simd_gt(zero) & is_one).select(splat(simd, 1.0), zero)
+    }
+
+    /// Whether what comes third goes on as the first two began, but for what it may be off.
+    #[inline(always)]
+    fn goes_on<S: Simd>(
+        &self,
+        simd: S,
+        [from, by, to]: [F<S>; 3],
+        (axis, off): (usize, F<S>),
+    ) -> <F<S> as SimdBase<S>>::Mask {
+        let (zero, expected) = (splat(simd, 0.0), by + by - from);
+        let is_expected = ((expected - to).abs() * by * self.focal[axis]).simd_le(off * expected);
+        from.simd_gt(zero) & expected.simd_gt(zero) & is_expected
     }
 }
 

@@ -31,16 +31,14 @@ impl<S: Simd> Planes<S> {
     /// column and then along rows (Zhang, Lu, Lafruit, *Cross-Based Local Stereo Matching Using Orthogonal Integral Images*, 2009).
     #[inline(always)]
     pub(super) fn at(simd: S, (inverses, edges): (&Bordered, &Edges), place: usize) -> Self {
-        let stride = inverses.stride;
-        let row = #[inline(always)]
-        |place: usize| RowSums::at(simd, (inverses, edges), place);
-        let mut total = Sums::of(simd, row(place));
+        let (stride, images) = (inverses.stride, (inverses, edges));
+        let mut total = Sums::of(simd, RowSums::at(simd, images, place));
         let (mut above, mut below) = (splat(simd, 1.0), splat(simd, 1.0));
         for far in 1..=REACH {
             above *= edges.below.load(simd, place - far * stride);
             below *= edges.below.load(simd, place + (far - 1) * stride);
-            total.add(row(place - far * stride), -(far as f32), above);
-            total.add(row(place + far * stride), far as f32, below);
+            total.add(RowSums::at(simd, images, place - far * stride), -(far as f32), above);
+            total.add(RowSums::at(simd, images, place + far * stride), far as f32, below);
         }
         total.plane(simd)
     }

@@ -142,58 +142,53 @@ impl<'a> Maker<'a> {
         let inverse = is_near.select(plane.inverse, measured);
         let depth = one / inverse;
         // p = ray/d: its derivatives in the plane, a pixel to the right and a pixel down.
-        let along = #[inline(always)]
-        |axis: usize| {
+        let mut along = [[zero; 3]; 2];
+        for (axis, along) in along.iter_mut().enumerate() {
             let steepest = inverse * (STEEPEST / focal[axis]);
             let slope = plane.slope[axis].max(-steepest).min(steepest) * (depth * depth);
-            let mut step = [-ray[0] * slope, -ray[1] * slope, -slope];
-            step[axis] += depth * (1.0 / focal[axis]);
-            step
-        };
-        let [right, down] = [along(0), along(1)];
+            *along = [-ray[0] * slope, -ray[1] * slope, -slope];
+            along[axis] += depth * (1.0 / focal[axis]);
+        }
+        let [right, down] = along;
         let stride = inverses.stride;
+        let beside = [place - 1, place + 1, place - stride, place + stride];
         let links = [
             edges.right.load(simd, place - 1),
             edges.right.load(simd, place),
             edges.below.load(simd, place - stride),
             edges.below.load(simd, place),
         ];
-        let beside = [place - 1, place + 1, place - stride, place + stride];
         // What is unknown is no edge.
-        let goes_on = #[inline(always)]
-        |i: usize| inverses.load(simd, beside[i]).simd_eq(zero).select(one, links[i]);
-        let [x, y] = [Cuts::of(simd, [goes_on(0), goes_on(1)]), Cuts::of(simd, [goes_on(2), goes_on(3)])];
-        let center = #[inline(always)]
-        |i: usize| down[i].mul_add(y.shift, right[i].mul_add(x.shift, ray[i] * depth));
-        let normal = #[inline(always)]
-        |i: usize, j: usize| right[i] * down[j] - right[j] * down[i];
-        let [n, o, p] = [normal(1, 2), normal(2, 0), normal(0, 1)];
-        // The colours, from which some of the blur of the kernels is taken back: their mean over a surface is about c + ½σ²Δc.
+        let mut goes_on = links;
+        for (goes_on, beside) in goes_on.iter_mut().zip(beside) {
+            *goes_on = inverses.load(simd, beside).simd_eq(zero).select(one, *goes_on);
+        }
+        let x = Cuts::of(simd, [goes_on[0], goes_on[1]]);
+        let y = Cuts::of(simd, [goes_on[2], goes_on[3]]);
+        let normal = [
+            right[1] * down[2] - right[2] * down[1],
+            right[2] * down[0] - right[0] * down[2],
+            right[0] * down[1] - right[1] * down[0],
+        ];
+        let area = (normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]).sqrt();
+        // Of colours some of the blur of the kernels is taken back: their mean over a surface is about c + ½σ²Δc.
         let taken = [links[0] * links[1] * (0.5 * SHARPENED), links[2] * links[3] * (0.5 * SHARPENED)];
-        let color = #[inline(always)]
-        |i: usize| {
+        let (mut center, mut color) = ([zero; 3], [zero; 3]);
+        for i in 0..3 {
+            center[i] = down[i].mul_add(y.shift, right[i].mul_add(x.shift, ray[i] * depth));
             let colors = &self.colors[i];
             let own = colors.load(simd, place);
             let along = colors.load(simd, beside[0]) + colors.load(simd, beside[1]) - own - own;
             let across = colors.load(simd, beside[2]) + colors.load(simd, beside[3]) - own - own;
-            (own - along * taken[0] - across * taken[1]).max(zero)
-        };
-        [
-            center(0),
-            center(1),
-            center(2),
-            // Its normal, down × right, faces the camera.
-            down[0] * y.sigma,
-            down[1] * y.sigma,
-            down[2] * y.sigma,
-            right[0] * x.sigma,
-            right[1] * x.sigma,
-            right[2] * x.sigma,
-            (n * n + o * o + p * p).sqrt(),
-            color(0),
-            color(1),
-            color(2),
-        ]
+            color[i] = (own - along * taken[0] - across * taken[1]).max(zero);
+        }
+        // The normal, down × right, faces the camera.
+        let [down, right] = [
+            [down[0] * y.sigma, down[1] * y.sigma, down[2] * y.sigma],
+            [right[0] * x.sigma, right[1] * x.sigma, right[2] * x.sigma],
+        ];
+        let ([a, b, c], [d, e, f], [g, h, i], [j, k, l]) = (center, down, right, color);
+        [a, b, c, d, e, f, g, h, i, area, j, k, l]
     }
 }
 
