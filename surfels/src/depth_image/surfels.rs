@@ -71,7 +71,9 @@ impl<'a> Maker<'a> {
         let depths = image.depths_along_axis();
         let steps = Steps::of(image);
         let width = image.size[0];
-        let inverses = Bordered::of(width, &depths, |depth| if *depth > 0.0 { 1.0 / depth } else { 0.0 });
+        // What is nearer than numbers can tell is as good as unknown to its neighbours, and itself no surfel.
+        let inverse = |depth: &f32| Some(1.0 / depth).filter(|inverse| inverse.is_finite()).unwrap_or(0.0);
+        let inverses = Bordered::of(width, &depths, inverse);
         let colors = [0, 1, 2].map(|i| Bordered::of(width, &image.colors, |color| color[i]));
         let edges = Edges::of(image.size, &inverses, &steps);
         let Intrinsics { focal, center } = image.intrinsics;
@@ -171,24 +173,39 @@ impl<'a> Maker<'a> {
             right[0] * down[1] - right[1] * down[0],
         ];
         let area = (normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]).sqrt();
-        // Of colours some of the blur of the kernels is taken back: their mean over a surface is about c + ½σ²Δc.
-        let taken = [links[0] * links[1] * (0.5 * SHARPENED), links[2] * links[3] * (0.5 * SHARPENED)];
-        let (mut center, mut color) = ([zero; 3], [zero; 3]);
+        let mut center = [zero; 3];
         for i in 0..3 {
             center[i] = down[i].mul_add(y.shift, right[i].mul_add(x.shift, ray[i] * depth));
-            let colors = &self.colors[i];
-            let own = colors.load(simd, place);
-            let along = colors.load(simd, beside[0]) + colors.load(simd, beside[1]) - own - own;
-            let across = colors.load(simd, beside[2]) + colors.load(simd, beside[3]) - own - own;
-            color[i] = (own - along * taken[0] - across * taken[1]).max(zero);
         }
         // The normal, down × right, faces the camera.
         let [down, right] = [
             [down[0] * y.sigma, down[1] * y.sigma, down[2] * y.sigma],
             [right[0] * x.sigma, right[1] * x.sigma, right[2] * x.sigma],
         ];
-        let ([a, b, c], [d, e, f], [g, h, i], [j, k, l]) = (center, down, right, color);
-        [a, b, c, d, e, f, g, h, i, area, j, k, l]
+        let ([a, b, c], [d, e, f], [g, h, i]) = (center, down, right);
+        let [red, green, blue] = self.colors(simd, (place, beside), links);
+        [a, b, c, d, e, f, g, h, i, area, red, green, blue]
+    }
+
+    /// The colours from a place on, from which some of the blur of the kernels is taken back: their mean over a surface is about
+    /// c + ½σ²Δc.
+    #[inline(always)]
+    fn colors<S: Simd>(
+        &self,
+        simd: S,
+        (place, [left, right, above, below]): (usize, [usize; 4]),
+        links: [F<S>; 4],
+    ) -> [F<S>; 3] {
+        let zero = splat(simd, 0.0);
+        let taken = [links[0] * links[1] * (0.5 * SHARPENED), links[2] * links[3] * (0.5 * SHARPENED)];
+        let mut taken_back = [zero; 3];
+        for (result, colors) in taken_back.iter_mut().zip(&self.colors) {
+            let own = colors.load(simd, place);
+            let along = colors.load(simd, left) + colors.load(simd, right) - own - own;
+            let across = colors.load(simd, above) + colors.load(simd, below) - own - own;
+            *result = (own - along * taken[0] - across * taken[1]).max(zero);
+        }
+        taken_back
     }
 }
 
