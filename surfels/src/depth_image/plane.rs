@@ -27,7 +27,7 @@ struct RowSums<S: Simd> {
 }
 
 impl<S: Simd> Planes<S> {
-    /// Those of the pixels from a place on: the least squares in 1/z over those up to two pixels away that show a pixel's surface, to which links lead first along the
+    /// Those of the pixels from a place on, a multiple of [`LANES`] from the row's first: the least squares in 1/z over those up to two pixels away that show a pixel's surface, to which links lead first along the
     /// column and then along rows (Zhang, Lu, Lafruit, *Cross-Based Local Stereo Matching Using Orthogonal Integral Images*, 2009).
     #[inline(always)]
     pub(super) fn at(simd: S, (inverses, edges): (&Bordered, &Edges), place: usize) -> Self {
@@ -132,10 +132,10 @@ mod tests {
         let edges = Edges::of([9, 7], &bordered, &Steps::of(&image));
         let slope = [0.3, -0.5].map(|n| (n / image.intrinsics.focal.x) as f32);
         for (at, inverse) in inverses.iter().enumerate().filter(|(_, inverse)| **inverse > 0.0) {
-            let place = bordered.place([at % 9, at / 9]);
+            let (column, place) = (at % 9, bordered.place([0, at / 9]));
             let plane = dispatch!(Level::best(), simd => {
                 let planes = Planes::at(simd, (&bordered, &edges), place);
-                [planes.inverse[0], planes.slope[0][0], planes.slope[1][0]]
+                [planes.inverse[column], planes.slope[0][column], planes.slope[1][column]]
             });
             // The ridge takes 1e-3 of at least 2 px² from a slope; 1/z itself is the mean of such errors times 2 px at most.
             let about =
