@@ -17,3 +17,4 @@ mod scene_files;
 mod splats;
 mod translucent;
 mod volume_looks;
+mod warp;

@@ -1,6 +1,8 @@
 //! OpenEXR: channels by their names, from the first part that has them.
 //!
-//! Parts under B44 and DWA are refused: these lose what depths are about, and their decoder does not keep to the bounds of broken ones.
+//! Parts under B44 and DWA are refused: both smear edges as JPEG does, and B44's decoder overflows on broken chunks.
+//!
+//! Source: Kainz, Bogart, Stanczyk, Hillman, *Technical Introduction to OpenEXR*, 2013, openexr.com.
 
 use super::ColorImage;
 use crate::file::File;
@@ -34,25 +36,25 @@ pub(super) fn begins(bytes: &[u8]) -> bool {
 
 /// The numbers of the one channel of depths.
 pub(super) fn depths(file: &File, max_memory: u64) -> Result<Grey, ImportError> {
-    let called = |names: &[String], is: &dyn Fn(&str) -> bool| {
-        let mut found = (0..names.len()).filter(|&index| is(&names[index]));
-        found.next().filter(|_| found.next().is_none())
-    };
-    let find = |names: &[String]| {
-        let lower: Vec<String> = names.iter().map(|name| name.to_ascii_lowercase()).collect();
-        let last = |name: &str, part: &str| {
-            name.strip_suffix(part).is_some_and(|layer| layer.is_empty() || layer.ends_with('.'))
-        };
-        let found = called(names, &|name| name == "Z")
-            .or_else(|| called(&lower, &|name| last(name, "depth.z")))
-            .or_else(|| called(&lower, &|name| last(name, "depth")))
-            .or_else(|| called(names, &|name| name == "Y" && names.len() == 1));
-        found.map(|index| vec![index])
-    };
+    let find = |names: &[String]| depth_channel(names).map(|index| vec![index]);
     let part = Part::find(file, find, "one channel Z, depth.Z, depth, or Y alone, has depths")?;
     let (mut planes, scalars) = (part.read(max_memory)?, part.scalars());
     let layout = Layout { dims: [part.size[0], part.size[1], 1], scalar: scalars[0], endian: NATIVE };
     Ok(Grey { layout, bytes: planes.swap_remove(0), notes: Vec::new() })
+}
+
+/// Which channel has depths; `None` where several may.
+fn depth_channel(names: &[String]) -> Option<usize> {
+    let one = |is: &dyn Fn(&str) -> bool| {
+        let mut found = (0..names.len()).filter(|&index| is(&names[index]));
+        found.next().filter(|_| found.next().is_none())
+    };
+    // Names are layer.layer.channel.
+    let ends = |name: &str, end: &str| format!(".{}", name.to_ascii_lowercase()).ends_with(end);
+    one(&|name| name == "Z")
+        .or_else(|| one(&|name| ends(name, ".depth.z")))
+        .or_else(|| one(&|name| ends(name, ".depth")))
+        .or_else(|| one(&|name| name == "Y" && names.len() == 1))
 }
 
 /// Linear colours.

@@ -15,6 +15,11 @@ pub(super) const STEEPEST: f32 = 28.6;
 /// How far, in pixel widths, depths may lie off what goes on as it began; and as a share of the step.
 const OFF: [f32; 2] = [0.5, 0.1];
 
+/// Scattered depths are of one surface up to 72° to the ray, in pixel widths a pixel; in any case where they differ by a tenth, as rows of laser scanners on
+/// the ground do, and never where they differ by more than a quarter.
+const SLOPE: f32 = 3.0;
+const SHARES: [f32; 2] = [0.1, 0.25];
+
 /// Tells steps from surfaces.
 #[derive(Clone, Copy)]
 pub(super) struct Steps {
@@ -27,9 +32,15 @@ impl Steps {
         Self { focal: image.intrinsics.focal.as_vec2().to_array() }
     }
 
-    /// Whether depths `pixels` apart may be of one surface.
-    pub(super) fn are_one_surface(&self, [a, b]: [f32; 2], pixels: f32) -> bool {
-        (a - b).abs() * self.focal[0].min(self.focal[1]) <= STEP * pixels.max(1.0) * a.min(b)
+    /// Whether depths in one pixel, or in neighbours, are of one surface.
+    pub(super) fn are_one_surface(&self, [a, b]: [f32; 2]) -> bool {
+        (a - b).abs() * self.focal[0].min(self.focal[1]) <= STEP * a.min(b)
+    }
+
+    /// Whether depths that are several pixels apart are taken for one surface, with nothing known between them.
+    pub(super) fn may_go_on(&self, [a, b]: [f32; 2], pixels: f32) -> bool {
+        let slope = SLOPE * pixels / self.focal[0].min(self.focal[1]);
+        (a - b).abs() <= slope.clamp(SHARES[0], SHARES[1]) * a.min(b)
     }
 
     /// Whether inverse depths of known pixels beside each other are of one surface, whatever it is like beyond them.

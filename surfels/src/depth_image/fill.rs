@@ -16,25 +16,53 @@ const COVERED: f32 = 0.98;
 const STEP: f32 = 0.05;
 
 /// Fills what a warped picture doesn't show: holes between covered pixels become what is interpolated between natural neighbours among the pixels at
-/// their borders (colours, and 1/z). Where the border is of two surfaces, one farther than the other, only the farther counts. What is
-/// beside the picture that was warped, with nothing around it to go by, stays transparent.
+/// their borders (colours, and 1/z), or, outside the convex hull of those, what the nearest is. Where the border is of two surfaces, one farther than the other, only the farther counts. What has nothing covered
+/// on both sides, along its row or its column, is beside what was warped and stays transparent.
 ///
 /// The frame must have depths ([`oblate_engine::Channels::All`]); filled pixels have no normal and no id. Gives the number of filled pixels.
 pub fn fill_disocclusions(frame: &mut Frame) -> usize {
     let [width, height] = [frame.width, frame.height];
-    if frame.depth.len() < width * height {
+    if frame.median_depth.len() < width * height {
         return 0;
     }
+    let extent = Extent::of(frame);
     let mut component = vec![0_u32; width * height];
     let (mut filled, mut count) = (0, 0);
     for start in 0..width * height {
         if component[start] == 0 && frame.color[start][3] < HOLE {
             count += 1;
             let hole = Hole::around(frame, &mut component, (start, count));
-            filled += hole.fill(frame);
+            filled += hole.fill(frame, &extent);
         }
     }
     filled
+}
+
+/// From where to where rows and columns are covered.
+struct Extent {
+    /// The first covered pixel and the one behind the last; of one that isn't covered nothing is between.
+    rows: Vec<[usize; 2]>,
+    columns: Vec<[usize; 2]>,
+}
+
+impl Extent {
+    fn of(frame: &Frame) -> Self {
+        let nothing = [usize::MAX, 0];
+        let mut extent = Self { rows: vec![nothing; frame.height], columns: vec![nothing; frame.width] };
+        for (at, _) in frame.color.iter().enumerate().filter(|(_, pixel)| pixel[3] >= COVERED) {
+            let (x, y) = (at % frame.width, at / frame.width);
+            for ([first, end], place) in [(&mut extent.rows[y], x), (&mut extent.columns[x], y)] {
+                (*first, *end) = ((*first).min(place), (*end).max(place + 1));
+            }
+        }
+        extent
+    }
+
+    /// Whether something is covered on both sides of a pixel.
+    fn surrounds(&self, [x, y]: [usize; 2]) -> bool {
+        let is_between = |[first, end]: [usize; 2], place: usize| (first..end).contains(&place);
+        is_between(self.rows[y], x) || is_between(self.columns[x], y)
+    }
 }
 
 /// Connected pixels that show nothing, and the covered ones beside them.
@@ -68,21 +96,28 @@ impl Hole {
         Self { pixels, border }
     }
 
-    fn fill(&self, frame: &mut Frame) -> usize {
+    fn fill(&self, frame: &mut Frame, extent: &Extent) -> usize {
         let size = [frame.width, frame.height];
         let far: Vec<usize> = self.border.iter().copied().filter(|at| !self.is_before(frame, *at)).collect();
         let place = |at: &usize| DVec2::new((at % size[0]) as f64, (at / size[0]) as f64);
         let Ok(scattered) = Scattered::new(far.iter().map(place)) else { return 0 };
-        let places: Vec<DVec2> = self.pixels.iter().map(place).collect();
-        let values = scattered.at_each(&places, |shares| {
+        let is_inside = |at: &&usize| extent.surrounds([*at % size[0], *at / size[0]]);
+        let pixels: Vec<usize> = self.pixels.iter().filter(is_inside).copied().collect();
+        let places: Vec<DVec2> = pixels.iter().map(place).collect();
+        let mean = |shares: &[(usize, f64)]| {
             let mean =
                 |of: &dyn Fn(usize) -> f32| shares.iter().map(|(n, share)| *share as f32 * of(far[*n])).sum();
             let color: [f32; 3] = [0, 1, 2].map(|i| mean(&|at| frame.color[at][i] / frame.color[at][3]));
-            let inverse: f32 = mean(&|at| 1.0 / frame.depth[at]);
+            let inverse: f32 = mean(&|at| 1.0 / frame.median_depth[at]);
             (color, 1.0 / inverse)
+        };
+        let between = scattered.at_each(&places, mean);
+        let values = places.iter().zip(between).map(|(place, value)| {
+            value.or_else(|| scattered.nearest(*place).map(|nearest| mean(&[(nearest, 1.0)])))
         });
+        let values: Vec<_> = values.collect();
         let mut filled = 0;
-        for (at, value) in self.pixels.iter().zip(values) {
+        for (at, value) in pixels.iter().zip(values) {
             let Some((color, depth)) = value else { continue };
             let pixel = &mut frame.color[*at];
             let through = 1.0 - pixel[3];
@@ -118,7 +153,7 @@ impl Hole {
             }
             if let Some(across) = inside(place) {
                 crossings += 1;
-                nearer += usize::from(frame.depth[across] > (1.0 + STEP) * frame.depth[at]);
+                nearer += usize::from(frame.median_depth[across] > (1.0 + STEP) * frame.median_depth[at]);
             }
         }
         2 * nearer > crossings
@@ -163,7 +198,7 @@ impl RgbdImage {
             let (mut sum, mut total) = (0.0, 0.0);
             for (number, share) in shares {
                 let other = (depths[known[*number]], place(&known[*number]));
-                if steps.are_one_surface([own.0, other.0], (own.1 - other.1).length() as f32) {
+                if steps.may_go_on([own.0, other.0], (own.1 - other.1).length() as f32) {
                     sum += share / f64::from(other.0);
                     total += share;
                 }

@@ -63,4 +63,10 @@ impl Scattered {
         };
         queries.par_chunks(1 << 10).flat_map_iter(chunk).collect()
     }
+
+    /// The number of the place that is nearest to one; `None` without any.
+    pub(super) fn nearest(&self, to: DVec2) -> Option<usize> {
+        let found = self.triangulation.nearest_neighbor(Point2::new(to.x, to.y))?;
+        Some(found.data().number as usize)
+    }
 }

@@ -15,14 +15,14 @@ use std::ops::Range;
 const SIGMA: f32 = 0.45;
 
 /// Of the variance by which the kernels blur, what is taken back from colours, in px². All would be SIGMA²; less leaves noise as it is.
-const SHARPENED: f32 = 0.13;
+const SHARPENED: f32 = 0.12;
 
-/// How much of its mean a surface covers where it is opaque. Samples at depth edges are cut where their pixel ends, so that whatever
-/// is left of one beyond is none of the background's: a low floor makes edges sharp, about half a pixel outside.
-const COVERAGE_FLOOR: f32 = 0.1;
+/// The share of its mean coverage at which a surface is opaque. At edges surfels are cut where their pixel ends, so that hardly anything is left beyond: however
+/// low the floor is, edges move by less than a pixel, and what is seen between two samples of an uneven surface is closed.
+const COVERAGE_FLOOR: f32 = 0.05;
 
-/// What belongs to one layer, in widths of a pixel: what depth cameras are uncertain by.
-const DEPTH_TOLERANCE: f64 = 6.0;
+/// How far apart samples of one layer may lie, in widths of a pixel at the mean depth: what depth cameras are uncertain by across a room.
+const DEPTH_TOLERANCE: f64 = 16.0;
 
 /// The variance of the low-pass filter, in px², with which a photograph is best seen from nearby: its pixels are means over squares of a variance of 1/12
 /// already, and with that it is the usual 0.3.

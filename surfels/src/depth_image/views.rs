@@ -9,6 +9,9 @@ use rayon::prelude::*;
 /// How fast trust in a sample falls as the new view turns away from the one that it was taken from: cosⁿ of the angle between.
 const TURNING: i32 = 4;
 
+/// And as it is blurred over more pixels: a coarse sample hardly counts beside a fine one.
+const BLUR: i32 = 3;
+
 /// The surfels of several depth images, a cloud for each, as they are best seen by `view`: where more than one shows a surface, each
 /// sample has a share that goes by how many pixels of the new view it is spread over and by how far the view turns. Shares of what lies at one place add up to 1, so that
 /// what is covered once by one image is covered once by all.
@@ -77,7 +80,7 @@ impl<'a> View<'a> {
         let own = self.to_world.translation;
         let cosine = unit(to_eye).dot(unit(place - own)).max(0.0);
         let is_ahead = self.new.projection() == Projection::Orthographic || there.z > 0.0;
-        if is_ahead { (cosine.powi(TURNING) / spread.max(1.0)) as f32 } else { 0.0 }
+        if is_ahead { (cosine.powi(TURNING) / spread.max(1.0).powi(BLUR)) as f32 } else { 0.0 }
     }
 
     /// The pixel that shows a place of the world.
@@ -88,7 +91,7 @@ impl<'a> View<'a> {
         let inside = (0..2).all(|axis| at[axis] >= 0.0 && at[axis] < image.size[axis] as f64);
         let pixel = (there.z > 0.0 && inside).then(|| at.y as usize * image.size[0] + at.x as usize)?;
         let depths = [self.maker.depths[pixel], there.z as f32];
-        (depths[0] > 0.0 && self.maker.steps.are_one_surface(depths, 1.0)).then_some(pixel)
+        (depths[0] > 0.0 && self.maker.steps.are_one_surface(depths)).then_some(pixel)
     }
 }
 
