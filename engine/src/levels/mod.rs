@@ -16,6 +16,7 @@ use glam::Vec3;
 use merge::coarser;
 use order::make_compact;
 use rayon::prelude::*;
+use std::array::from_fn;
 use std::ops::Range;
 
 /// The splats of a cloud, or splats that stand for them.
@@ -108,24 +109,54 @@ fn range_of(values: impl Iterator<Item = f32>) -> [f32; 2] {
 
 /// Cuts a level into clusters of consecutive splats.
 fn clusters(columns: &Columns) -> Vec<Cluster> {
-    let variance = |index: usize| frobenius_squared(columns.factor(index).as_dmat3());
     let cluster = |number: usize| {
         let start = number * CLUSTER_SIZE;
         let splats = start..columns.len.min(start + CLUSTER_SIZE);
-        let centers = || splats.clone().map(|i| columns.center(i));
-        let first = columns.center(start);
-        let (low, high) = centers().fold((first, first), |(low, high), p| (low.min(p), high.max(p)));
+        // Eight at a time: the last block is filled up with its last splat.
+        let blocks = start / LANES..splats.end.div_ceil(LANES);
+        let (mut low, mut high) = ([[f32::INFINITY; LANES]; 3], [[f32::NEG_INFINITY; LANES]; 3]);
+        let mut largest_variance = [0.0; LANES];
+        for block in blocks.clone() {
+            for (i, row) in columns.centers.block(block).iter().enumerate() {
+                low[i] = each(low[i], *row, f32::min);
+                high[i] = each(high[i], *row, f32::max);
+            }
+            largest_variance = each(largest_variance, variances(columns, block), f64::max);
+        }
+        let low = Vec3::from(low.map(|row| row.into_iter().fold(f32::INFINITY, f32::min)));
+        let high = Vec3::from(high.map(|row| row.into_iter().fold(f32::NEG_INFINITY, f32::max)));
         let center = low * 0.5 + high * 0.5;
-        let radius = centers().map(|p| p.distance_squared(center)).fold(0.0, f32::max).sqrt();
-        let largest_variance = match &columns.factors {
-            Factors::Shared(_) => variance(start),
-            Factors::Each { .. } => splats.clone().map(variance).fold(0.0, f64::max),
+        let squared = |block: usize| {
+            let [x, y, z] = columns.centers.block(block);
+            from_fn(|lane| Vec3::new(x[lane], y[lane], z[lane]).distance_squared(center))
         };
+        let farthest = blocks.fold([0.0; LANES], |farthest, block| each(farthest, squared(block), f32::max));
+        let radius = farthest.into_iter().fold(0.0, f32::max).sqrt();
+        let largest_variance = largest_variance.into_iter().fold(0.0, f64::max);
         let parents_need = [f32::INFINITY; 2];
         let largest_sigma = largest_variance.sqrt() as f32;
         Cluster { splats, center, radius, largest_sigma, needs: [0.0; 2], parents_need }
     };
     (0..columns.len.div_ceil(CLUSTER_SIZE)).into_par_iter().map(cluster).collect()
+}
+
+/// The squared Frobenius norms of the factors of splats 8 · block up to 8 · block + 7.
+fn variances(columns: &Columns, block: usize) -> [f64; LANES] {
+    match &columns.factors {
+        Factors::Shared(factor) => [frobenius_squared(factor.as_dmat3()); LANES],
+        Factors::Each { flat, through } => {
+            let ([a, b, c, d, e, f], [g, h, i]) = (flat.block(block), through.block(block));
+            let square = |[x, y, z]: [&Lanes; 3], lane: usize| {
+                let [x, y, z] = [x[lane], y[lane], z[lane]].map(f64::from);
+                x * x + y * y + z * z
+            };
+            from_fn(|lane| square([a, b, c], lane) + square([d, e, f], lane) + square([g, h, i], lane))
+        }
+    }
+}
+
+fn each<T: Copy>(a: [T; LANES], b: [T; LANES], better: impl Fn(T, T) -> T) -> [T; LANES] {
+    from_fn(|lane| better(a[lane], b[lane]))
 }
 
 #[cfg(test)]

@@ -1,6 +1,8 @@
 //! Which neighbouring pixels show one surface.
 
 use super::RgbdImage;
+use super::lanes::*;
+use oblate_engine::simd::{Level, dispatch};
 use rayon::prelude::*;
 
 /// Depths of neighbours that differ by at most so many pixel widths belong to one surface, whatever it is like beyond them: up to
@@ -41,85 +43,85 @@ impl Steps {
         (a - b).abs() <= slope.clamp(SHARES[0], SHARES[1]) * a.min(b)
     }
 
-    /// Whether the second and third of four depths along a line of pixels are of one surface. In 1/z planes are linear, and so is what
-    /// goes on as it began.
-    fn are_linked(&self, [before, near, far, after]: [f32; 4], axis: usize) -> bool {
-        if near <= 0.0 || far <= 0.0 {
-            return false;
-        }
-        // Pixel widths at the nearer of both.
-        let widths = self.focal[axis] / near.min(far);
-        let step = (far - near).abs() * widths;
-        if step <= STEP {
-            return true;
-        }
-        if step > STEEPEST {
-            return false;
-        }
-        let goes_on = |from: f32, by: f32, to: f32| {
-            let expected = 2.0 / by - 1.0 / from;
-            from > 0.0 && expected > 0.0 && (1.0 / expected - to).abs() * widths <= OFF[0] + OFF[1] * step
-        };
-        goes_on(before, near, far) || goes_on(after, far, near)
+    /// Whether inverse depths of known pixels beside each other are of one surface, whatever it is like beyond them.
+    #[inline(always)]
+    pub(super) fn are_near<S: Simd>(&self, simd: S, [a, b]: [F<S>; 2]) -> <F<S> as SimdBase<S>>::Mask {
+        let focal = self.focal[0].min(self.focal[1]);
+        ((a - b).abs() * focal).simd_le(a.min(b) * splat(simd, STEP))
+    }
+
+    /// 1 where the second and third of four pixels in a line are of one surface, 0 elsewhere. They are given by their inverse depths, 0
+    /// where unknown: in 1/z planes are linear, and so is what goes on as it began.
+    #[inline(always)]
+    fn links<S: Simd>(&self, simd: S, [before, near, far, after]: [F<S>; 4], axis: usize) -> F<S> {
+        let (zero, least) = (splat(simd, 0.0), near.min(far));
+        // In pixel widths at the nearer of both, times the lesser inverse depth: nothing is divided.
+        let step = (far - near).abs() * self.focal[axis];
+        let off = least.mul_add(splat(simd, OFF[0]), step * OFF[1]);
+        let is_steep_surface = self.goes_on(simd, [before, near, far], (axis, off))
+            | self.goes_on(simd, [after, far, near], (axis, off));
+        let is_small = step.simd_le(least * STEP);
+        let is_one = is_small | (step.simd_le(least * STEEPEST) & is_steep_surface);
+        (least.simd_gt(zero) & is_one).select(splat(simd, 1.0), zero)
+    }
+
+    /// Whether what comes third goes on as the first two began, but for what it may be off.
+    #[inline(always)]
+    fn goes_on<S: Simd>(
+        &self,
+        simd: S,
+        [from, by, to]: [F<S>; 3],
+        (axis, off): (usize, F<S>),
+    ) -> <F<S> as SimdBase<S>>::Mask {
+        let (zero, expected) = (splat(simd, 0.0), by + by - from);
+        let is_expected = ((expected - to).abs() * by * self.focal[axis]).simd_le(off * expected);
+        from.simd_gt(zero) & expected.simd_gt(zero) & is_expected
     }
 }
 
-/// Links between the pixels of a depth image.
+/// Links between the pixels of a depth image: 1 where both show one surface, else 0.
 pub(super) struct Edges {
-    width: usize,
-    /// Of each pixel [`Self::RIGHT`], [`Self::BELOW`].
-    links: Vec<u8>,
+    /// Between each pixel and the one to its right.
+    pub(super) right: Bordered,
+    /// And the one below.
+    pub(super) below: Bordered,
 }
 
 impl Edges {
-    /// It shows the surface that the pixel to the right shows.
-    const RIGHT: u8 = 1;
-    /// It shows the surface that the pixel below shows.
-    const BELOW: u8 = 2;
-
-    /// `depths` are along the axis, 0 where unknown.
-    pub(super) fn of(width: usize, depths: &[f32], steps: &Steps) -> Self {
-        let height = depths.len() / width;
-        let unknown = vec![0.0; width];
-        let row_of = |row: usize| if row < height { &depths[row * width..][..width] } else { &unknown[..] };
-        let mut links = vec![0; depths.len()];
-        links.par_chunks_mut(width).enumerate().for_each(|(row, links)| {
-            let own = row_of(row);
-            let [above, below, second] = [row.wrapping_sub(1), row + 1, row + 2].map(row_of);
-            let across = |x: usize| own.get(x).copied().unwrap_or(0.0);
-            for (x, link) in links.iter_mut().enumerate() {
-                let right = [across(x.wrapping_sub(1)), own[x], across(x + 1), across(x + 2)];
-                let down = [above[x], own[x], below[x], second[x]];
-                let right = if steps.are_linked(right, 0) { Self::RIGHT } else { 0 };
-                *link = right | if steps.are_linked(down, 1) { Self::BELOW } else { 0 };
-            }
+    /// Of inverse depths along the axis, 0 where unknown.
+    pub(super) fn of(size: [usize; 2], inverses: &Bordered, steps: &Steps) -> Self {
+        let [mut right, mut below] = [Bordered::zeros(size), Bordered::zeros(size)];
+        let level = Level::best();
+        right.rows().zip(below.rows()).enumerate().for_each(|(row, rows)| {
+            let place = inverses.place([0, row]);
+            dispatch!(level, simd => steps.link_row(simd, (inverses, place), rows));
         });
-        Self { width, links }
+        Self { right, below }
     }
+}
 
-    /// 1 for each pixel of a row that is linked with the one to its right, 0 for others.
-    pub(super) fn right(&self, row: usize, are_linked: &mut [f32]) {
-        for (linked, link) in are_linked.iter_mut().zip(&self.links[row * self.width..]) {
-            *linked = f32::from(link & Self::RIGHT);
+impl Steps {
+    /// Fills a row, which begins at a place, of both.
+    #[inline(always)]
+    fn link_row<S: Simd>(
+        &self,
+        simd: S,
+        (inverses, place): (&Bordered, usize),
+        (right, below): (&mut [f32], &mut [f32]),
+    ) {
+        let groups = right.chunks_exact_mut(LANES).zip(below.chunks_exact_mut(LANES));
+        for (number, (right, below)) in groups.enumerate() {
+            let place = place + number * LANES;
+            for (links, axis, step) in [(right, 0, 1), (below, 1, inverses.stride)] {
+                let line = [
+                    inverses.load(simd, place - step),
+                    inverses.load(simd, place),
+                    inverses.load(simd, place + step),
+                    inverses.load(simd, place + 2 * step),
+                ];
+                self.links(simd, line, axis).store_slice(links);
+            }
         }
-    }
-
-    /// Multiplies by 1 where a pixel of a row is linked with the one below, by 0 elsewhere.
-    pub(super) fn below(&self, row: usize, are_linked: &mut [f32]) {
-        for (linked, link) in are_linked.iter_mut().zip(&self.links[row * self.width..]) {
-            *linked *= f32::from((link & Self::BELOW) >> 1);
-        }
-    }
-
-    /// Whether a pixel is linked with its left, right, upper and lower neighbours.
-    pub(super) fn around(&self, at: usize) -> [bool; 4] {
-        let own = self.links[at];
-        [
-            !at.is_multiple_of(self.width) && self.links[at - 1] & Self::RIGHT != 0,
-            own & Self::RIGHT != 0,
-            at >= self.width && self.links[at - self.width] & Self::BELOW != 0,
-            own & Self::BELOW != 0,
-        ]
     }
 }
 
@@ -133,7 +135,10 @@ mod tests {
         let wall = 2.0;
         let widths = |n: f32| n * wall / focal;
         let steps = Steps { focal: [focal; 2] };
-        let linked = |depths: [f32; 4]| steps.are_linked(depths, 0);
+        let linked = |depths: [f32; 4]| {
+            let inverses = depths.map(|depth| if depth > 0.0 { 1.0 / depth } else { 0.0 });
+            dispatch!(Level::best(), simd => steps.links(simd, inverses.map(|x| splat(simd, x)), 0)[0] == 1.0)
+        };
         assert!(linked([wall; 4]));
         // What a depth camera counts in is no edge, a step of more is one, whichever side it is on.
         assert!(linked([wall, wall, wall + widths(5.0), wall + widths(5.0)]));

@@ -1,10 +1,11 @@
 //! Depth images to surfels: one for each pixel, as large as the pixel is on the surface that it shows.
 //!
 //! `edges` says which pixels show one surface, `plane` fits a plane around each of them, `surfels` makes the splats, which are
-//! cut where a surface ends.
+//! cut where a surface ends; sixteen pixels of a row at once (`lanes`).
 
 mod edges;
 mod fill;
+mod lanes;
 mod plane;
 mod room;
 mod scattered;

@@ -1,128 +1,116 @@
 //! The plane around a pixel.
 
 use super::edges::Edges;
-use rayon::prelude::*;
+use super::lanes::*;
 
 /// How far support reaches from a pixel, in pixels.
-const REACH: usize = 2;
+const REACH: usize = BORDER;
 
 /// Added to the second moments, in px²: where support tells nothing of a slope, it is 0.
 const RIDGE: f32 = 1e-3;
 
-/// Rows that a thread takes at a time.
-const BAND: usize = 16;
-
-/// Sums over supporting pixels, x and y measured from the pixel's own centre; d = 1/z.
-const MOMENTS: usize = 9;
-const COUNT: usize = 0;
-const X: usize = 1;
-const Y: usize = 2;
-const XX: usize = 3;
-const XY: usize = 4;
-const YY: usize = 5;
-const D: usize = 6;
-const DX: usize = 7;
-const DY: usize = 8;
-
-/// The surface about a pixel's centre: 1/z = `inverse` + `slope` · (x, y), which is how a plane is seen.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Plane {
+/// The surfaces about pixels' centres: 1/z = `inverse` + `slope` · (x, y), which is how a plane is seen.
+pub(super) struct Planes<S: Simd> {
     /// Of no meaning where the depth is unknown.
-    pub(super) inverse: f32,
+    pub(super) inverse: F<S>,
     /// A pixel to the right, a pixel down.
-    pub(super) slope: [f32; 2],
+    pub(super) slope: [F<S>; 2],
 }
 
-/// The plane of each pixel: the least squares in 1/z over those up to two pixels away that show its surface, to which links lead first along the
-/// column and then along rows (Zhang, Lu, Lafruit, *Cross-Based Local Stereo Matching Using Orthogonal Integral Images*, 2009).
-pub(super) fn planes(width: usize, depths: &[f32], edges: &Edges) -> Vec<Plane> {
-    let height = depths.len() / width;
-    let mut planes = vec![Plane::default(); depths.len()];
-    planes.par_chunks_mut(BAND * width).enumerate().for_each(|(band, planes)| {
-        let first = band * BAND;
-        let rows = first.saturating_sub(REACH)..(first + BAND + REACH).min(height);
-        let mut sums = Vec::with_capacity(rows.len());
-        sums.extend(rows.clone().map(|row| along_row(width, depths, edges, row)));
-        let mut total = vec![[0.0; MOMENTS]; width];
-        for (row, planes) in planes.chunks_mut(width).enumerate().map(|(row, planes)| (first + row, planes)) {
-            total.copy_from_slice(&sums[row - rows.start]);
-            let mut add = |other: usize, y: f32, shares: &[f32]| {
-                for ((total, sum), share) in total.iter_mut().zip(&sums[other - rows.start]).zip(shares) {
-                    add(total, sum, y, *share);
-                }
-            };
-            let mut shares = vec![1.0; width];
-            for up in 1..=REACH.min(row) {
-                edges.below(row - up, &mut shares);
-                add(row - up, -(up as f32), &shares);
-            }
-            shares.fill(1.0);
-            for down in (1..=REACH).take_while(|down| row + down < height) {
-                edges.below(row + down - 1, &mut shares);
-                add(row + down, down as f32, &shares);
-            }
-            for (plane, total) in planes.iter_mut().zip(&total) {
-                *plane = plane_of(total);
-            }
+/// Sums over supporting pixels of a row, x measured from the pixel's own centre; d = 1/z.
+struct RowSums<S: Simd> {
+    count: F<S>,
+    x: F<S>,
+    xx: F<S>,
+    d: F<S>,
+    dx: F<S>,
+}
+
+impl<S: Simd> Planes<S> {
+    /// Those of the pixels from a place on, a multiple of [`LANES`] from the row's first: the least squares in 1/z over those up to two pixels away that show a pixel's surface, to which links lead first along the
+    /// column and then along rows (Zhang, Lu, Lafruit, *Cross-Based Local Stereo Matching Using Orthogonal Integral Images*, 2009).
+    #[inline(always)]
+    pub(super) fn at(simd: S, (inverses, edges): (&Bordered, &Edges), place: usize) -> Self {
+        let (stride, images) = (inverses.stride, (inverses, edges));
+        let mut total = Sums::of(simd, RowSums::at(simd, images, place));
+        let (mut above, mut below) = (splat(simd, 1.0), splat(simd, 1.0));
+        for far in 1..=REACH {
+            above *= edges.below.load(simd, place - far * stride);
+            below *= edges.below.load(simd, place + (far - 1) * stride);
+            total.add(RowSums::at(simd, images, place - far * stride), -(far as f32), above);
+            total.add(RowSums::at(simd, images, place + far * stride), far as f32, below);
         }
-    });
-    planes
+        total.plane(simd)
+    }
 }
 
-/// Those of the pixels of a row that support each of it.
-fn along_row(width: usize, depths: &[f32], edges: &Edges, row: usize) -> Vec<[f32; MOMENTS]> {
-    let depths = &depths[row * width..(row + 1) * width];
-    // Zeros at both ends, where links lead nowhere.
-    let mut inverse = vec![0.0; width + 2 * REACH];
-    let mut link = vec![0.0; width + 2 * REACH];
-    for (inverse, depth) in inverse[REACH..].iter_mut().zip(depths) {
-        *inverse = if *depth > 0.0 { 1.0 / depth } else { 0.0 };
-    }
-    edges.right(row, &mut link[REACH..REACH + width]);
-    let pixel = |x: usize| {
-        let own = inverse[x + REACH];
-        let mut sum = [0.0; MOMENTS];
-        (sum[COUNT], sum[D]) = (1.0, own);
-        let (mut left, mut right) = (1.0, 1.0);
+impl<S: Simd> RowSums<S> {
+    #[inline(always)]
+    fn at(simd: S, (inverses, edges): (&Bordered, &Edges), place: usize) -> Self {
+        let (one, zero) = (splat(simd, 1.0), splat(simd, 0.0));
+        let mut sums = Self { count: one, x: zero, xx: zero, d: inverses.load(simd, place), dx: zero };
+        let (mut left, mut right) = (one, one);
         for step in 1..=REACH {
             let far = step as f32;
-            left *= link[x + REACH - step];
-            right *= link[x + REACH + step - 1];
-            let (before, after) = (left * inverse[x + REACH - step], right * inverse[x + REACH + step]);
-            sum[COUNT] += left + right;
-            sum[X] += far * (right - left);
-            sum[XX] += far * far * (left + right);
-            sum[D] += before + after;
-            sum[DX] += far * (after - before);
+            left *= edges.right.load(simd, place - step);
+            right *= edges.right.load(simd, place + step - 1);
+            let before = left * inverses.load(simd, place - step);
+            let after = right * inverses.load(simd, place + step);
+            sums.count += left + right;
+            sums.x += (right - left) * far;
+            sums.xx += (left + right) * (far * far);
+            sums.d += before + after;
+            sums.dx += (after - before) * far;
         }
-        sum
-    };
-    (0..width).map(pixel).collect()
-}
-
-/// Adds a share of those of a row that is `y` pixels further down.
-#[inline(always)]
-fn add(total: &mut [f32; MOMENTS], row: &[f32; MOMENTS], y: f32, share: f32) {
-    let row = row.map(|sum| share * sum);
-    for i in [COUNT, X, XX, D, DX] {
-        total[i] += row[i];
+        sums
     }
-    total[Y] += row[COUNT] * y;
-    total[XY] += row[X] * y;
-    total[YY] += row[COUNT] * y * y;
-    total[DY] += row[D] * y;
 }
 
-fn plane_of(sums: &[f32; MOMENTS]) -> Plane {
-    let [count, x, y, xx, xy, yy, d, dx, dy] = *sums;
-    let (x, y, d) = (x / count, y / count, d / count);
-    let xx = xx - count * x * x + RIDGE;
-    let yy = yy - count * y * y + RIDGE;
-    let xy = xy - count * x * y;
-    let (dx, dy) = (dx - count * d * x, dy - count * d * y);
-    let determinant = xx * yy - xy * xy;
-    let slope = [(dx * yy - dy * xy) / determinant, (dy * xx - dx * xy) / determinant];
-    Plane { inverse: d - slope[0] * x - slope[1] * y, slope }
+/// Sums over all supporting pixels.
+struct Sums<S: Simd> {
+    /// Those that know no y.
+    row: RowSums<S>,
+    y: F<S>,
+    xy: F<S>,
+    yy: F<S>,
+    dy: F<S>,
+}
+
+impl<S: Simd> Sums<S> {
+    #[inline(always)]
+    fn of(simd: S, row: RowSums<S>) -> Self {
+        let zero = splat(simd, 0.0);
+        Self { row, y: zero, xy: zero, yy: zero, dy: zero }
+    }
+
+    /// Adds a share of those of a row that is `y` pixels further down.
+    #[inline(always)]
+    fn add(&mut self, row: RowSums<S>, y: f32, share: F<S>) {
+        let [count, x, d] = [share * row.count, share * row.x, share * row.d];
+        self.row.count += count;
+        self.row.x += x;
+        self.row.xx += share * row.xx;
+        self.row.d += d;
+        self.row.dx += share * row.dx;
+        self.y += count * y;
+        self.xy += x * y;
+        self.yy += count * (y * y);
+        self.dy += d * y;
+    }
+
+    #[inline(always)]
+    fn plane(self, simd: S) -> Planes<S> {
+        let Self { row: RowSums { count, x, xx, d, dx }, y, xy, yy, dy } = self;
+        let per_count = splat(simd, 1.0) / count;
+        let (x, y, d) = (x * per_count, y * per_count, d * per_count);
+        let xx = xx - count * x * x + RIDGE;
+        let yy = yy - count * y * y + RIDGE;
+        let xy = xy - count * x * y;
+        let (dx, dy) = (dx - count * d * x, dy - count * d * y);
+        let per_determinant = splat(simd, 1.0) / (xx * yy - xy * xy);
+        let slope = [(dx * yy - dy * xy) * per_determinant, (dy * xx - dx * xy) * per_determinant];
+        Planes { inverse: d - slope[0] * x - slope[1] * y, slope }
+    }
 }
 
 #[cfg(test)]
@@ -130,25 +118,31 @@ mod tests {
     use super::*;
     use crate::depth_image::edges::Steps;
     use crate::depth_image::tests::{image, plane};
+    use oblate_engine::simd::{Level, dispatch};
 
     /// Planes are found as they are, at borders and beside unknown depths, too.
     #[test]
     fn a_plane_is_found() {
         let image = image([9, 7], plane([0.3, -0.5, 2.0]));
-        let mut depths = image.depths.clone();
+        let mut inverses: Vec<f32> = image.depths.iter().map(|depth| 1.0 / depth).collect();
         for hole in [31, 40] {
-            depths[hole] = 0.0;
+            inverses[hole] = 0.0;
         }
-        let edges = Edges::of(9, &depths, &Steps::of(&image));
-        let planes = planes(9, &depths, &edges);
+        let bordered = Bordered::of(9, &inverses, |inverse| *inverse);
+        let edges = Edges::of([9, 7], &bordered, &Steps::of(&image));
         let slope = [0.3, -0.5].map(|n| (n / image.intrinsics.focal.x) as f32);
-        for (at, plane) in planes.iter().enumerate().filter(|(at, _)| depths[*at] > 0.0) {
+        for (at, inverse) in inverses.iter().enumerate().filter(|(_, inverse)| **inverse > 0.0) {
+            let (column, place) = (at % 9, bordered.place([0, at / 9]));
+            let plane = dispatch!(Level::best(), simd => {
+                let planes = Planes::at(simd, (&bordered, &edges), place);
+                [planes.inverse[column], planes.slope[0][column], planes.slope[1][column]]
+            });
             // The ridge takes 1e-3 of at least 2 px² from a slope; 1/z itself is the mean of such errors times 2 px at most.
             let about =
                 |a: f32, b: f32, scale: f32| assert!((a - b).abs() < 1e-3 * scale, "{at}: {a} for {b}");
-            about(plane.inverse, 1.0 / image.depths[at], 2.0 * slope[1].abs());
-            about(plane.slope[0], slope[0], slope[1].abs());
-            about(plane.slope[1], slope[1], slope[1].abs());
+            about(plane[0], *inverse, 2.0 * slope[1].abs());
+            about(plane[1], slope[0], slope[1].abs());
+            about(plane[2], slope[1], slope[1].abs());
         }
     }
 }

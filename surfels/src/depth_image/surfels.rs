@@ -1,11 +1,15 @@
 //! Pixels to surfels.
 
 use super::edges::{Edges, STEEPEST, Steps};
-use super::plane::{Plane, planes};
+use super::lanes::*;
+use super::plane::Planes;
 use super::{DepthError, RgbdImage};
-use glam::{Mat3, Vec2, Vec3};
+use glam::{Mat3, Vec3};
 use oblate_engine::cloud::Material;
-use oblate_engine::{Cloud, Surfel, SurfelLook};
+use oblate_engine::simd::{Level, dispatch};
+use oblate_engine::{Cloud, Intrinsics, Surfel, SurfelLook};
+use rayon::prelude::*;
+use std::ops::Range;
 
 /// σ of a pixel's kernel in pixels of the depth image. Sums of such kernels on a lattice are 1 ± 0.07, and colours are means under them.
 const SIGMA: f32 = 0.45;
@@ -53,11 +57,12 @@ pub(super) struct Maker<'a> {
     /// Along the axis; 0 where unknown.
     pub(super) depths: Vec<f32>,
     pub(super) steps: Steps,
+    inverses: Bordered,
+    colors: [Bordered; 3],
     edges: Edges,
-    planes: Vec<Plane>,
     /// The image's, in single precision.
-    focal: Vec2,
-    center: Vec2,
+    focal: [f32; 2],
+    center: [f32; 2],
 }
 
 impl<'a> Maker<'a> {
@@ -65,10 +70,15 @@ impl<'a> Maker<'a> {
         image.check()?;
         let depths = image.depths_along_axis();
         let steps = Steps::of(image);
-        let edges = Edges::of(image.size[0], &depths, &steps);
-        let planes = planes(image.size[0], &depths, &edges);
-        let [focal, center] = [image.intrinsics.focal, image.intrinsics.center].map(|v| v.as_vec2());
-        Ok(Self { image, depths, steps, edges, planes, focal, center })
+        let width = image.size[0];
+        // What is nearer than numbers can tell is as good as unknown to its neighbours, and itself no surfel.
+        let inverse = |depth: &f32| Some(1.0 / depth).filter(|inverse| inverse.is_finite()).unwrap_or(0.0);
+        let inverses = Bordered::of(width, &depths, inverse);
+        let colors = [0, 1, 2].map(|i| Bordered::of(width, &image.colors, |color| color[i]));
+        let edges = Edges::of(image.size, &inverses, &steps);
+        let Intrinsics { focal, center } = image.intrinsics;
+        let [focal, center] = [focal, center].map(|v| v.as_vec2().to_array());
+        Ok(Self { image, depths, steps, inverses, colors, edges, focal, center })
     }
 
     /// The cloud of all whose depth is known, each with a share of its area.
@@ -77,13 +87,17 @@ impl<'a> Maker<'a> {
         settings: &DepthSettings,
         share: impl Fn(usize, &Surfel) -> f32 + Sync,
     ) -> Result<Cloud, DepthError> {
-        let known: Vec<u32> =
-            (0..self.depths.len() as u32).filter(|at| self.depths[*at as usize] > 0.0).collect();
+        let depths = &self.depths;
+        let pixels = (0..depths.len() as u32).into_par_iter().with_min_len(self.image.size[0]);
+        let known: Vec<u32> = pixels.filter(|at| depths[*at as usize] > 0.0).collect();
         if known.is_empty() {
             return Err(DepthError::NoDepth);
         }
-        let total: f64 = known.iter().map(|at| f64::from(self.depths[*at as usize])).sum();
-        let pixel_width = total / known.len() as f64 / self.image.intrinsics.focal.min_element();
+        // Summed by rows: the same for any number of threads.
+        let sum = |row: &[f32]| row.iter().map(|depth| f64::from(*depth)).sum();
+        let sums: Vec<f64> = depths.par_chunks(self.image.size[0]).map(sum).collect();
+        let mean = sums.iter().sum::<f64>() / known.len() as f64;
+        let pixel_width = mean / self.image.intrinsics.focal.min_element();
         let look = SurfelLook {
             color: None,
             opacity: 1.0,
@@ -92,93 +106,167 @@ impl<'a> Maker<'a> {
             closed: true,
             material: settings.material,
         };
-        let surfel = |at: &u32| {
-            let surfel = self.surfel(*at as usize);
-            Surfel { area: surfel.area * share(*at as usize, &surfel), ..surfel }
-        };
-        let cloud = Cloud::of_surfels(known.len(), &look, |numbers| known[numbers].iter().map(surfel))?;
+        let cloud = Cloud::of_surfels(known.len(), &look, |numbers| {
+            let mut surfels = self.surfels();
+            let share = &share;
+            known[numbers].iter().map(move |at| {
+                let surfel = surfels.of(*at as usize);
+                Surfel { area: surfel.area * share(*at as usize, &surfel), ..surfel }
+            })
+        })?;
         Ok(cloud.transformed(self.image.pose.world_to_camera.inverse()))
     }
 
-    /// The surfel of a pixel whose depth is known, in camera space.
-    pub(super) fn surfel(&self, at: usize) -> Surfel {
-        let plane = &self.planes[at];
-        let [width, height] = self.image.size;
-        let [column, row] = [at % width, at / width];
-        let place = Vec2::new(column as f32, row as f32) + 0.5;
-        let ray = ((place - self.center) / self.focal).extend(1.0);
-        let measured = self.depths[at];
-        let fitted = 1.0 / plane.inverse;
-        // Beyond a step that links pixels no plane is believed.
-        let is_near = self.steps.are_one_surface([fitted, measured]);
-        let depth = if is_near { fitted } else { measured };
-        // p = ray/d: its derivatives in the plane, a pixel to the right and a pixel down.
-        let along = |axis: usize| {
-            let steepest = STEEPEST / (self.focal[axis] * depth);
-            let mut step = -ray * (plane.slope[axis].clamp(-steepest, steepest) * depth * depth);
-            step[axis] += depth / self.focal[axis];
-            step
-        };
-        let [right, down] = [along(0), along(1)];
-        // What is unknown is no edge.
-        let is_unknown = |beside: usize| self.depths[beside] == 0.0;
-        let linked = self.edges.around(at);
-        let goes_on = [
-            linked[0] || column == 0 || is_unknown(at - 1),
-            linked[1] || column + 1 == width || is_unknown(at + 1),
-            linked[2] || row == 0 || is_unknown(at - width),
-            linked[3] || row + 1 == height || is_unknown(at + width),
+    pub(super) fn surfels(&self) -> Surfels<'_> {
+        Surfels { maker: self, pixels: 0..0, numbers: [[0.0; LANES]; NUMBERS] }
+    }
+
+    /// The surfels from a pixel on, in camera space; of no meaning where depths are unknown.
+    #[inline(always)]
+    fn numbers<S: Simd>(&self, simd: S, [column, row]: [usize; 2]) -> [F<S>; NUMBERS] {
+        let (one, zero) = (splat(simd, 1.0), splat(simd, 0.0));
+        let Self { inverses, edges, focal, .. } = self;
+        let place = inverses.place([column, row]);
+        let plane = Planes::at(simd, (inverses, edges), place);
+        let columns = F::from_fn(
+            simd,
+            #[inline(always)]
+            |lane| (column + lane) as f32 + 0.5,
+        );
+        let ray = [
+            (columns - self.center[0]) * (1.0 / focal[0]),
+            splat(simd, (row as f32 + 0.5 - self.center[1]) / focal[1]),
+            one,
         ];
-        let [x, y] = [Cut::of([goes_on[0], goes_on[1]]), Cut::of([goes_on[2], goes_on[3]])];
-        Surfel {
-            center: ray * depth + right * x.shift + down * y.shift,
-            // Its normal, down × right, faces the camera.
-            factor: Mat3::from_cols(down * y.sigma, right * x.sigma, Vec3::ZERO),
-            area: right.cross(down).length(),
-            color: self.color(at, linked),
+        let measured = inverses.load(simd, place);
+        // Beyond a step that links pixels no plane is believed.
+        let is_near = self.steps.are_near(simd, [plane.inverse, measured]);
+        let inverse = is_near.select(plane.inverse, measured);
+        let depth = one / inverse;
+        // p = ray/d: its derivatives in the plane, a pixel to the right and a pixel down.
+        let mut along = [[zero; 3]; 2];
+        for (axis, along) in along.iter_mut().enumerate() {
+            let steepest = inverse * (STEEPEST / focal[axis]);
+            let slope = plane.slope[axis].max(-steepest).min(steepest) * (depth * depth);
+            *along = [-ray[0] * slope, -ray[1] * slope, -slope];
+            along[axis] += depth * (1.0 / focal[axis]);
         }
+        let [right, down] = along;
+        let stride = inverses.stride;
+        let beside = [place - 1, place + 1, place - stride, place + stride];
+        let links = [
+            edges.right.load(simd, place - 1),
+            edges.right.load(simd, place),
+            edges.below.load(simd, place - stride),
+            edges.below.load(simd, place),
+        ];
+        // What is unknown is no edge.
+        let mut goes_on = links;
+        for (goes_on, beside) in goes_on.iter_mut().zip(beside) {
+            *goes_on = inverses.load(simd, beside).simd_eq(zero).select(one, *goes_on);
+        }
+        let x = Cuts::of(simd, [goes_on[0], goes_on[1]]);
+        let y = Cuts::of(simd, [goes_on[2], goes_on[3]]);
+        let normal = [
+            right[1] * down[2] - right[2] * down[1],
+            right[2] * down[0] - right[0] * down[2],
+            right[0] * down[1] - right[1] * down[0],
+        ];
+        let area = (normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]).sqrt();
+        let mut center = [zero; 3];
+        for i in 0..3 {
+            center[i] = down[i].mul_add(y.shift, right[i].mul_add(x.shift, ray[i] * depth));
+        }
+        // The normal, down × right, faces the camera.
+        let [down, right] = [
+            [down[0] * y.sigma, down[1] * y.sigma, down[2] * y.sigma],
+            [right[0] * x.sigma, right[1] * x.sigma, right[2] * x.sigma],
+        ];
+        let ([a, b, c], [d, e, f], [g, h, i]) = (center, down, right);
+        let [red, green, blue] = self.colors(simd, (place, beside), links);
+        [a, b, c, d, e, f, g, h, i, area, red, green, blue]
     }
 
-    /// The colour of a pixel, from which some of the blur of the kernels is taken back: their mean over a surface is about
+    /// The colours from a place on, from which some of the blur of the kernels is taken back: their mean over a surface is about
     /// c + ½σ²Δc.
-    fn color(&self, at: usize, [left, right, above, below]: [bool; 4]) -> [f32; 3] {
-        let colors = &self.image.colors;
-        let own = Vec3::from(colors[at]);
-        let mut color = own;
-        let mut take = |before: usize, after: usize| {
-            let curvature = Vec3::from(colors[before]) + Vec3::from(colors[after]) - 2.0 * own;
-            color -= curvature * (0.5 * SHARPENED);
-        };
-        if left && right {
-            take(at - 1, at + 1);
+    #[inline(always)]
+    fn colors<S: Simd>(
+        &self,
+        simd: S,
+        (place, [left, right, above, below]): (usize, [usize; 4]),
+        links: [F<S>; 4],
+    ) -> [F<S>; 3] {
+        let zero = splat(simd, 0.0);
+        let taken = [links[0] * links[1] * (0.5 * SHARPENED), links[2] * links[3] * (0.5 * SHARPENED)];
+        let mut taken_back = [zero; 3];
+        for (result, colors) in taken_back.iter_mut().zip(&self.colors) {
+            let own = colors.load(simd, place);
+            let along = colors.load(simd, left) + colors.load(simd, right) - own - own;
+            let across = colors.load(simd, above) + colors.load(simd, below) - own - own;
+            *result = (own - along * taken[0] - across * taken[1]).max(zero);
         }
-        if above && below {
-            take(at - self.image.size[0], at + self.image.size[0]);
-        }
-        color.max(Vec3::ZERO).to_array()
+        taken_back
     }
 }
 
-/// What is left of a kernel along a line of pixels, in pixels.
-#[derive(Clone, Copy)]
-struct Cut {
-    shift: f32,
-    sigma: f32,
+/// Numbers of a surfel: centre, two half-axes, area, colour.
+const NUMBERS: usize = 13;
+
+/// Makes the surfels of an image, as many at a time as lie together.
+pub(super) struct Surfels<'a> {
+    maker: &'a Maker<'a>,
+    /// Of the last ones.
+    pixels: Range<usize>,
+    numbers: [[f32; LANES]; NUMBERS],
 }
 
-impl Cut {
+impl Surfels<'_> {
+    /// The surfel of a pixel whose depth is known, in camera space. It takes least to ask for pixels in their order.
+    #[inline(always)]
+    pub(super) fn of(&mut self, at: usize) -> Surfel {
+        if !self.pixels.contains(&at) {
+            self.make(at);
+        }
+        let lane = (at - self.pixels.start) % LANES;
+        let [a, b, c, d, e, f, g, h, i, area, color @ ..] = self.numbers.each_ref().map(|row| row[lane]);
+        let factor = Mat3::from_cols(Vec3::new(d, e, f), Vec3::new(g, h, i), Vec3::ZERO);
+        Surfel { center: Vec3::new(a, b, c), factor, area, color }
+    }
+
+    /// Makes those about a pixel.
+    #[inline(never)]
+    fn make(&mut self, at: usize) {
+        let width = self.maker.image.size[0];
+        let lane = at % width % LANES;
+        let (at, column) = (at - lane, at % width - lane);
+        self.pixels = at..at + LANES.min(width - column);
+        dispatch!(Level::best(), simd => {
+            let numbers = self.maker.numbers(simd, [column, at / width]);
+            for (row, number) in self.numbers.iter_mut().zip(numbers) {
+                number.store_slice(row);
+            }
+        });
+    }
+}
+
+/// What is left of kernels along lines of pixels, in pixels.
+struct Cuts<S: Simd> {
+    shift: F<S>,
+    sigma: F<S>,
+}
+
+impl<S: Simd> Cuts<S> {
     /// Mean and σ of a normal distribution that is cut off half a pixel, t = 1/(2 SIGMA), from its middle on both sides where the surface doesn't go on:
     /// with λ = φ(t)/Φ(t) the mean −λ and the variance 1 − λ(λ + t) of one that is cut on the right, and 1 − 2tφ(t)/(2Φ(t) − 1) of one that is
-    /// cut on both.
-    fn of(goes_on: [bool; 2]) -> Self {
+    /// cut on both. 1 is where it goes on, 0 where it doesn't.
+    #[inline(always)]
+    fn of(simd: S, [before, after]: [F<S>; 2]) -> Self {
         const MEAN: f32 = 0.248_3;
         const ONE_SIDE: f32 = 0.813_9;
         const TWO_SIDES: f32 = 0.589_9;
-        match goes_on {
-            [true, true] => Self { shift: 0.0, sigma: SIGMA },
-            [false, true] => Self { shift: MEAN * SIGMA, sigma: ONE_SIDE * SIGMA },
-            [true, false] => Self { shift: -MEAN * SIGMA, sigma: ONE_SIDE * SIGMA },
-            [false, false] => Self { shift: 0.0, sigma: TWO_SIDES * SIGMA },
-        }
+        let sides = before + after;
+        let cut = sides.simd_gt(0.5).select(splat(simd, ONE_SIDE * SIGMA), splat(simd, TWO_SIDES * SIGMA));
+        let sigma = sides.simd_gt(1.5).select(splat(simd, SIGMA), cut);
+        Self { shift: (after - before) * (MEAN * SIGMA), sigma }
     }
 }

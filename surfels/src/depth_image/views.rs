@@ -1,6 +1,6 @@
 //! Several depth images in one picture.
 
-use super::surfels::Maker;
+use super::surfels::{Maker, Surfels};
 use super::{DepthError, DepthSettings, RgbdImage};
 use glam::{DAffine3, DVec3};
 use oblate_engine::{Camera, Cloud, Projection, Surfel};
@@ -58,8 +58,10 @@ impl<'a> View<'a> {
     /// How well each pixel's sample serves the new view: 1 where it is no larger than a pixel there and seen from the same side.
     fn qualities(&self) -> Vec<f32> {
         let depths = &self.maker.depths;
-        let quality = |at: usize| if depths[at] > 0.0 { self.quality(&self.maker.surfel(at)) } else { 0.0 };
-        (0..depths.len()).into_par_iter().map(quality).collect()
+        let quality = |surfels: &mut Surfels, at: usize| {
+            if depths[at] > 0.0 { self.quality(&surfels.of(at)) } else { 0.0 }
+        };
+        (0..depths.len()).into_par_iter().map_init(|| self.maker.surfels(), quality).collect()
     }
 
     fn quality(&self, surfel: &Surfel) -> f32 {

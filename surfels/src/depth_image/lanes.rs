@@ -1,0 +1,66 @@
+//! Sixteen pixels of a row at once.
+//!
+//! What works with them is `#[inline(always)]` down from where the level of SIMD is chosen.
+
+pub(super) use fearless_simd::prelude::*;
+pub(super) use oblate_engine::simd::Simd;
+use rayon::prelude::*;
+
+/// Pixels that are worked on together.
+pub(super) const LANES: usize = 16;
+
+/// A number of each.
+pub(super) type F<S> = fearless_simd::f32x16<S>;
+
+/// How far beside a pixel anybody looks.
+pub(super) const BORDER: usize = 2;
+
+/// A number for each pixel of an image, with zeros around them: nobody needs to ask where the image ends.
+pub(super) struct Bordered {
+    width: usize,
+    /// How far the pixel below is.
+    pub(super) stride: usize,
+    numbers: Vec<f32>,
+}
+
+impl Bordered {
+    pub(super) fn zeros([width, height]: [usize; 2]) -> Self {
+        let stride = width.next_multiple_of(LANES) + 2 * BORDER;
+        Self { width, stride, numbers: vec![0.0; stride * (height + 2 * BORDER)] }
+    }
+
+    /// What `number` makes of each pixel.
+    pub(super) fn of<T: Sync>(width: usize, pixels: &[T], number: impl Fn(&T) -> f32 + Sync) -> Self {
+        let mut image = Self::zeros([width, pixels.len() / width]);
+        image.rows().zip(pixels.par_chunks(width)).for_each(|(row, pixels)| {
+            for (place, pixel) in row.iter_mut().zip(pixels) {
+                *place = number(pixel);
+            }
+        });
+        image
+    }
+
+    /// The rows, each up to a multiple of [`LANES`].
+    pub(super) fn rows(&mut self) -> impl IndexedParallelIterator<Item = &mut [f32]> {
+        let (stride, height) = (self.stride, self.numbers.len() / self.stride - 2 * BORDER);
+        let rows = self.numbers.par_chunks_mut(stride).skip(BORDER).take(height);
+        rows.map(move |row| &mut row[BORDER..stride - BORDER])
+    }
+
+    /// Where a pixel is, in all images of this size.
+    pub(super) fn place(&self, [column, row]: [usize; 2]) -> usize {
+        debug_assert!(column < self.width);
+        (row + BORDER) * self.stride + column + BORDER
+    }
+
+    /// The pixels from a place on.
+    #[inline(always)]
+    pub(super) fn load<S: Simd>(&self, simd: S, place: usize) -> F<S> {
+        F::from_slice(simd, &self.numbers[place..place + LANES])
+    }
+}
+
+#[inline(always)]
+pub(super) fn splat<S: Simd>(simd: S, number: f32) -> F<S> {
+    F::splat(simd, number)
+}
