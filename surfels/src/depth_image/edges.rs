@@ -89,9 +89,8 @@ pub(super) struct Edges {
 
 impl Edges {
     /// Of inverse depths along the axis, 0 where unknown.
-    pub(super) fn of(size: [usize; 2], inverses: &Bordered, steps: &Steps) -> Self {
+    pub(super) fn of(level: Level, size: [usize; 2], inverses: &Bordered, steps: &Steps) -> Self {
         let [mut right, mut below] = [Bordered::zeros(size), Bordered::zeros(size)];
-        let level = Level::best();
         right.rows().zip(below.rows()).enumerate().for_each(|(row, rows)| {
             let place = inverses.place([0, row]);
             dispatch!(level, simd => steps.link_row(simd, (inverses, place), rows));

@@ -27,8 +27,8 @@ struct RowSums<S: Simd> {
 }
 
 impl<S: Simd> Planes<S> {
-    /// Those of the pixels from a place on, a multiple of [`LANES`] from the row's first: the least squares in 1/z over those up to two pixels away that show a pixel's surface, to which links lead first along the
-    /// column and then along rows (Zhang, Lu, Lafruit, *Cross-Based Local Stereo Matching Using Orthogonal Integral Images*, 2009).
+    /// Those of the pixels from a place on, a multiple of [`LANES`] from the row's first: the least squares in 1/z over those up to two pixels away
+    /// that show a pixel's surface, to which links lead first along the column and then along rows (Zhang, Lu, Lafruit, *Cross-Based Local Stereo Matching Using Orthogonal Integral Images*, 2009).
     #[inline(always)]
     pub(super) fn at(simd: S, (inverses, edges): (&Bordered, &Edges), place: usize) -> Self {
         let (stride, images) = (inverses.stride, (inverses, edges));
@@ -129,7 +129,7 @@ mod tests {
             inverses[hole] = 0.0;
         }
         let bordered = Bordered::of(9, &inverses, |inverse| *inverse);
-        let edges = Edges::of([9, 7], &bordered, &Steps::of(&image));
+        let edges = Edges::of(Level::best(), [9, 7], &bordered, &Steps::of(&image));
         let slope = [0.3, -0.5].map(|n| (n / image.intrinsics.focal.x) as f32);
         for (at, inverse) in inverses.iter().enumerate().filter(|(_, inverse)| **inverse > 0.0) {
             let (column, place) = (at % 9, bordered.place([0, at / 9]));
