@@ -75,7 +75,7 @@ pub struct Surface {
     /// surfel radius.
     pub depth_tolerance: f32,
     /// The floor w₀ of the summed coverage that the sampler guarantees away from borders, in (0, 1]; its mean is 1, since the areas add
-    /// up to the surface's. The pixels' filter raises it towards 0.99, as √a where it dims a surfel to a share a.
+    /// up to the surface's. The pixels' filter raises it towards 0.96, as √a where it dims a surfel to a share a.
     pub coverage_floor: f32,
     /// Whether splats whose normal points away from the camera are dropped: of closed surfaces, whose backs nobody outside
     /// sees, and of those whose backs are not to be seen.

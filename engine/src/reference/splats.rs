@@ -23,7 +23,7 @@ const MOST_OPAQUE: f64 = 1.0 - 1e-9;
 const STEEPEST: f64 = 30.0;
 
 /// How even the filter makes coverage at most, as the floor says it.
-const EVENLY_COVERED: f64 = 0.99;
+const EVENLY_COVERED: f64 = 0.96;
 
 /// What every ray of a picture shares.
 pub(super) struct Setup<'a> {
