@@ -7,7 +7,8 @@
 //!
 //! 1. [`importers::open`] reads a file into a [`surfels::Mesh`], a [`volumes::Volume`], a [`surfels::PointCloud`] or
 //!    [`engine::Splats`], which [`engine::Cloud::new`] takes as they are; [`importers::export::save`] writes splats and volumes.
-//! 2. [`surfels::sample()`] spreads surfels over a mesh; [`surfels::point_surfels`] makes one of each point; [`volumes::iso_surfels`] over the surface at a value
+//! 2. [`surfels::sample()`] spreads surfels over a mesh; [`surfels::point_surfels`] makes one of each point, [`surfels::depth_surfels`] of each pixel of a depth image
+//!    ([`importers::depth`] reads them); [`volumes::iso_surfels`] over the surface at a value
 //!    of a volume ([`volumes::IsoExtractor`] at one value after another); [`volumes::to_kernels`] turns its inside into kernels, under a
 //!    [`volumes::TransferFunction`]. Each gives an [`engine::Cloud`].
 //! 3. An [`engine::Scene`] holds clouds and lights, all mixed; an [`engine::Camera`] sees it.

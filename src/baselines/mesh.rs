@@ -4,8 +4,8 @@ use super::{Seen, write};
 use oblate_engine::{Camera, Frame};
 use oblate_surfels::{DepthError, RgbdImage};
 
-/// Two triangles for each four pixels, with colours in between, sampled at the centres of the new view's pixels. Triangles whose depths differ by more
-/// than a share of the nearest are left out: 0.05 is usual, infinity draws a sheet over every edge.
+/// Two triangles for each four pixels, with colours in between, sampled at the centres of the new view's pixels. Triangles whose depths
+/// differ by more than a share of the nearest are left out: 0.05 is usual, infinity draws a sheet over every edge.
 ///
 /// # Errors
 /// When the image is not one.

@@ -1,6 +1,6 @@
 //! What others do with depth images, to compare with.
 //!
-//! All take an image and the new view, and give a picture whose pixels are opaque where anything was written. None of them knows
+//! All take an image and the new view, a pinhole camera, and give a picture whose pixels are opaque where anything was written. None of them knows
 //! how large a pixel is on the surface that it shows, but [`triangles`].
 
 mod mesh;

@@ -1,4 +1,4 @@
-//! Meshes and point clouds to surfels: samples of a surface, each with the area that it stands for.
+//! Meshes, point clouds and depth images to surfels: samples of a surface, each with the area that it stands for.
 //!
 //! [`sample`] turns the surface into many small pieces of known area ("points"), chooses some of them as
 //! samples that keep their distance, and gives every point to its nearest sample: what a sample owns is its
@@ -6,8 +6,8 @@
 //! mesh's. One Gaussian of one width for all surfels then smooths these areas to an even cover, whatever
 //! the triangles are like: huge, tiny, slivers, or all of them.
 //!
-//! [`point_surfels`] makes each point of a scan a surfel, whose plane and area its neighbours tell. [`merge_flat`] merges surfels where
-//! a surface is flat.
+//! [`point_surfels`] makes each point of a scan a surfel, whose plane and area its neighbours tell, [`depth_surfels`] each pixel of an
+//! [`RgbdImage`]. [`merge_flat`] merges surfels where a surface is flat.
 //!
 //! ```
 //! use oblate_surfels::{Density, Mesh, SamplerSettings, primitives, sample};

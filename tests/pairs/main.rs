@@ -43,9 +43,9 @@ fn pictures(source: &RgbdImage, view: &Camera) -> [Vec<[f32; 4]>; 8] {
     ]
 }
 
-/// Which pixels of the target the source sees, by the target's own depths: those whose place is as far as the source says, within 3 %. And those whose
-/// place lies within a surface there: the nearest 7 × 7 pixels agree within 1 %. A step of a Kinect's depths at 3 m is that much, and moves what is
-/// seen from a metre beside by 2 px, which opens edges, but no surface.
+/// Which pixels of the target the source sees, by the target's own depths: those whose place is as far as the source says, within 3 %.
+/// And those whose place lies within a surface there: the nearest 7 × 7 pixels agree within 1 %. A step of a Kinect's depths at 3 m is
+/// that much, and moves what is seen from a metre beside by 2 px, which opens edges, but no surface.
 fn seen_by_both(Pair { source, target, .. }: &Pair) -> Vec<[bool; 2]> {
     let to_source = source.pose.world_to_camera * target.pose.world_to_camera.inverse();
     let [width, height] = source.size.map(|side| side as i64);

@@ -15,8 +15,8 @@ pub(super) const STEEPEST: f32 = 28.6;
 /// How far, in pixel widths, depths may lie off what goes on as it began; and as a share of the step.
 const OFF: [f32; 2] = [0.5, 0.1];
 
-/// Scattered depths are of one surface up to 72° to the ray, in pixel widths a pixel; in any case where they differ by a tenth, as rows of laser scanners on
-/// the ground do, and never where they differ by more than a quarter.
+/// Scattered depths are of one surface up to 72° to the ray, in pixel widths a pixel; in any case where they differ by a tenth, as rows
+/// of laser scanners on the ground do, and never where they differ by more than a quarter.
 const SLOPE: f32 = 3.0;
 const SHARES: [f32; 2] = [0.1, 0.25];
 

@@ -15,9 +15,10 @@ const COVERED: f32 = 0.98;
 /// Depths across a hole that differ by a larger share are of two surfaces.
 const STEP: f32 = 0.05;
 
-/// Fills what a warped picture doesn't show: holes between covered pixels become what is interpolated between natural neighbours among the pixels at
-/// their borders (colours, and 1/z), or, outside the convex hull of those, what the nearest is. Where the border is of two surfaces, one farther than the other, only the farther counts. What has nothing covered
-/// on both sides, along its row or its column, is beside what was warped and stays transparent.
+/// Fills what a warped picture doesn't show: holes between covered pixels become what is interpolated between natural neighbours among the
+/// pixels at their borders (colours, and 1/z), or, outside the convex hull of those, what the nearest is. Where the border is of two surfaces,
+/// one farther than the other, only the farther counts. What has nothing covered on both sides, along its row or its column, is beside what was
+/// warped and stays transparent.
 ///
 /// The frame must have depths ([`oblate_engine::Channels::All`]); filled pixels have no normal and no id. Gives the number of filled pixels.
 pub fn fill_disocclusions(frame: &mut Frame) -> usize {

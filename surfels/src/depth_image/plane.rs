@@ -27,8 +27,9 @@ struct RowSums<S: Simd> {
 }
 
 impl<S: Simd> Planes<S> {
-    /// Those of the pixels from a place on, a multiple of [`LANES`] from the row's first: the least squares in 1/z over those up to two pixels away
-    /// that show a pixel's surface, to which links lead first along the column and then along rows (Zhang, Lu, Lafruit, *Cross-Based Local Stereo Matching Using Orthogonal Integral Images*, 2009).
+    /// Those of the pixels from a place on, a multiple of [`LANES`] from the row's first: the least squares in 1/z over those up to two
+    /// pixels away that show a pixel's surface, to which links lead first along the column and then along rows (Zhang, Lu, Lafruit,
+    /// *Cross-Based Local Stereo Matching Using Orthogonal Integral Images*, 2009).
     #[inline(always)]
     pub(super) fn at(simd: S, (inverses, edges): (&Bordered, &Edges), place: usize) -> Self {
         let (stride, images) = (inverses.stride, (inverses, edges));

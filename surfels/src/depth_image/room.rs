@@ -6,7 +6,8 @@ use oblate_engine::color::srgb_to_linear;
 use oblate_engine::{Camera, CameraError, Intrinsics, Pose, Projection};
 use rayon::prelude::*;
 
-/// A bent wall, a floor, a ball and a panel in front of them, all chequered, for tests, charts and examples: what a camera sees of them is computed ray by ray.
+/// A bent wall, a floor, a ball and a panel in front of them, all chequered, for tests, charts and examples: what a camera sees of them
+/// is computed ray by ray.
 ///
 /// Its world is the space of the camera that it is made for: metres, x right, y down, z forward.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -17,15 +17,16 @@ const SIGMA: f32 = 0.45;
 /// Of the variance by which the kernels blur, what is taken back from colours, in px². All would be SIGMA²; less leaves noise as it is.
 const SHARPENED: f32 = 0.12;
 
-/// The share of its mean coverage at which a surface is opaque. At edges surfels are cut where their pixel ends, so that hardly anything is left beyond: however
-/// low the floor is, edges move by less than a pixel, and what is seen between two samples of an uneven surface is closed.
+/// The share of its mean coverage at which a surface is opaque. At edges surfels are cut where their pixel ends, so that hardly anything
+/// is left beyond: however low the floor is, edges move by less than a pixel, and what is seen between two samples of an uneven surface
+/// is closed.
 const COVERAGE_FLOOR: f32 = 0.05;
 
 /// How far apart samples of one layer may lie, in widths of a pixel at the mean depth: what depth cameras are uncertain by across a room.
 const DEPTH_TOLERANCE: f64 = 16.0;
 
-/// The variance of the low-pass filter, in px², with which a photograph is best seen from nearby: its pixels are means over squares of a variance of 1/12
-/// already, and with that it is the usual 0.3.
+/// The variance of the low-pass filter, in px², with which a photograph is best seen from nearby: its pixels are means over squares of a
+/// variance of 1/12 already, and with that it is the usual 0.3.
 pub const DEPTH_LOW_PASS: f64 = 0.3 - 1.0 / 12.0;
 
 /// How depth images become surfels.
@@ -42,8 +43,8 @@ impl Default for DepthSettings {
 }
 
 /// The surface that a depth image shows: a surfel for each pixel whose depth is known, as large as the pixel is on the plane through its
-/// neighbours (Yuan, Chen et al., *Hybrid Forward Resampling and Volume Rendering*, 2003, section 3). Where a surface ends, surfels are cut; backs are
-/// dropped. Nothing is drawn where depths are unknown.
+/// neighbours (Yuan, Chen et al., *Hybrid Forward Resampling and Volume Rendering*, 2003, section 3). Where a surface ends, surfels are
+/// cut; backs are dropped. Nothing is drawn where depths are unknown.
 ///
 /// # Errors
 /// When the image is none, no depth is known, or the surfels leave the range of single precision.
@@ -261,9 +262,9 @@ struct Cuts<S: Simd> {
 }
 
 impl<S: Simd> Cuts<S> {
-    /// Mean and σ of a normal distribution that is cut off half a pixel, t = 1/(2 SIGMA), from its middle on both sides where the surface doesn't go on:
-    /// with λ = φ(t)/Φ(t) the mean −λ and the variance 1 − λ(λ + t) of one that is cut on the right, and 1 − 2tφ(t)/(2Φ(t) − 1) of one that is
-    /// cut on both. 1 is where it goes on, 0 where it doesn't.
+    /// Mean and σ of a normal distribution that is cut off half a pixel, t = 1/(2 SIGMA), from its middle on both sides where the surface
+    /// doesn't go on: with λ = φ(t)/Φ(t) the mean −λ and the variance 1 − λ(λ + t) of one that is cut on the right, and 1 − 2tφ(t)/(2Φ(t)
+    /// − 1) of one that is cut on both. 1 is where it goes on, 0 where it doesn't.
     #[inline(always)]
     fn of(simd: S, [before, after]: [F<S>; 2]) -> Self {
         const MEAN: f32 = 0.248_3;

@@ -13,8 +13,8 @@ const TURNING: i32 = 4;
 const BLUR: i32 = 3;
 
 /// The surfels of several depth images, a cloud for each, as they are best seen by `view`: where more than one shows a surface, each
-/// sample has a share that goes by how many pixels of the new view it is spread over and by how far the view turns. Shares of what lies at one place add up to 1, so that
-/// what is covered once by one image is covered once by all.
+/// sample has a share that goes by how many pixels of the new view it is spread over and by how far the view turns. Shares of what lies at
+/// one place add up to 1, so that what is covered once by one image is covered once by all.
 ///
 /// # Errors
 /// Those of [`super::depth_surfels`].
