@@ -46,6 +46,9 @@ impl Default for DepthSettings {
 /// neighbours (Yuan, Chen et al., *Hybrid Forward Resampling and Volume Rendering*, 2003, section 3). Where a surface ends, surfels are
 /// cut; backs are dropped. Nothing is drawn where depths are unknown.
 ///
+/// A picture of photographs alone is best drawn unshaded, with [`DEPTH_LOW_PASS`], and in [`oblate_engine::Blend::Display`], since they are
+/// resampled as they are stored.
+///
 /// # Errors
 /// When the image is none, no depth is known, or the surfels leave the range of single precision.
 pub fn depth_surfels(image: &RgbdImage, settings: &DepthSettings) -> Result<Cloud, DepthError> {
