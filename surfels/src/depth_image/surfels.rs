@@ -17,6 +17,9 @@ const SIGMA: f32 = 0.45;
 /// Of the variance by which the kernels blur, what is taken back from colours, in px². All would be SIGMA²; less leaves noise as it is.
 const SHARPENED: f32 = 0.12;
 
+/// How far a kernel is moved towards a pixel whose depth is unknown, in pixels: it may be of the same surface, and nothing else shows it.
+const INTO_UNKNOWN: f32 = 0.2;
+
 /// The share of its mean coverage at which a surface is opaque. At edges surfels are cut where their pixel ends, so that hardly anything
 /// is left beyond: however low the floor is, edges move by less than a pixel, and what is seen between two samples of an uneven surface
 /// is closed.
@@ -170,12 +173,15 @@ impl<'a> Maker<'a> {
             edges.below.load(simd, place),
         ];
         // What is unknown is no edge.
-        let mut goes_on = links;
-        for (goes_on, beside) in goes_on.iter_mut().zip(beside) {
-            *goes_on = inverses.load(simd, beside).simd_eq(zero).select(one, *goes_on);
+        let (mut goes_on, mut unknown) = (links, [zero; 4]);
+        for ((goes_on, unknown), beside) in goes_on.iter_mut().zip(&mut unknown).zip(beside) {
+            *unknown = inverses.load(simd, beside).simd_eq(zero).select(one, zero);
+            *goes_on += *unknown;
         }
-        let x = Cuts::of(simd, [goes_on[0], goes_on[1]]);
-        let y = Cuts::of(simd, [goes_on[2], goes_on[3]]);
+        let mut x = Cuts::of(simd, [goes_on[0], goes_on[1]]);
+        let mut y = Cuts::of(simd, [goes_on[2], goes_on[3]]);
+        x.shift += (unknown[1] - unknown[0]) * INTO_UNKNOWN;
+        y.shift += (unknown[3] - unknown[2]) * INTO_UNKNOWN;
         let normal = [
             right[1] * down[2] - right[2] * down[1],
             right[2] * down[0] - right[0] * down[2],
