@@ -51,7 +51,7 @@ pub(crate) struct WarpArgs {
     #[arg(long, value_name = "N", help_heading = "Running")]
     threads: Option<usize>,
     /// Pictures that --stats takes the medians of, after one that warms up [default: 1]
-    #[arg(long, value_name = "N", help_heading = "Running")]
+    #[arg(long, value_name = "N", help_heading = "Running", requires = "stats", conflicts_with = "sequence")]
     repeat: Option<usize>,
     /// Writes what it took as one JSON object; - is standard output
     #[arg(long, value_name = "FILE|-", help_heading = "Running")]
@@ -61,7 +61,7 @@ pub(crate) struct WarpArgs {
     quiet: bool,
 }
 
-/// `--stats`, of the last picture; times are medians.
+/// `--stats`, of the last picture; times are medians in milliseconds.
 #[derive(Serialize)]
 struct WarpStats {
     surfels: u64,
@@ -85,7 +85,9 @@ struct WarpStats {
 pub(crate) fn run(args: WarpArgs) -> Result<()> {
     let console = Console { quiet: args.quiet };
     ensure!(args.repeat != Some(0), "--repeat is 0; it must be at least 1");
-    ensure!(args.frames != Some(0), "--frames is 0; it must be at least 1");
+    if let Some(frames) = args.frames {
+        ensure!((1..=65_535).contains(&frames), "--frames is {frames}; it must be from 1 to 65535");
+    }
     ensure!(args.rate > 0, "--rate is 0; it must be at least 1");
     use_threads(args.threads)?;
     let format = Format::of(&args.output, None)?;

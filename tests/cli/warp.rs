@@ -126,7 +126,7 @@ fn what_is_wrong_is_said() {
     let pair = |depth: &'static str, more: &[&'static str]| {
         [&["warp", "photo.ppm", depth], &WALL[3..], &["--to", "here.txt"], more].concat()
     };
-    let cases: [(Vec<&str>, &str); 11] = [
+    let cases: [(Vec<&str>, &str); 13] = [
         (pair("small.pgm", &[]), "photo.ppm has 64×48 pixels and small.pgm 2×1; they must be registered"),
         (pair("none.pgm", &[]), "no pixel has a depth"),
         (pair("photo.ppm", &[]), "photo.ppm"),
@@ -137,6 +137,8 @@ fn what_is_wrong_is_said() {
         (with(&["--to", "log.txt"]), "2 poses; say which"),
         (with(&["--to", "log.txt:2"]), "there is no number 2"),
         (with(&["--sequence", "log.txt", "-o", "way.exr"]), "a sequence is written as .png"),
+        (with(&["--sequence", "log.txt", "--frames", "4000000000"]), "it must be from 1 to 65535"),
+        (with(&["--to", "here.txt", "--repeat", "3"]), "--stats"),
         (
             vec!["warp", "photo.ppm", "depth.pgm", "--intrinsics", "60,-60,31,23", "--to", "here.txt"],
             "focal length",
@@ -145,7 +147,7 @@ fn what_is_wrong_is_said() {
     for (args, wanted) in cases {
         let said = place.refusal(&args);
         assert!(said.contains(wanted), "{args:?}: {said}");
-        assert_eq!(said.lines().filter(|line| line.contains("error")).count(), 1, "{said}");
+        assert_eq!(said.matches("error:").count(), 1, "{said}");
     }
     assert!(!place.files().iter().any(|file| file.ends_with("warp.png")));
 }
