@@ -9,7 +9,7 @@
 mod stats;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use oblate::baselines::{mcmillan, nearest, softmax, supersampled, triangles};
+use oblate::chart::baselines::{mcmillan, nearest, softmax, supersampled, triangles};
 use oblate::engine::{Blend, Camera, Channels, RenderSettings, Renderer, Scene, Stage};
 use oblate::surfels::{DEPTH_LOW_PASS, DepthError, DepthSettings, RgbdImage, Room, depth_surfels};
 use rayon::ThreadPoolBuilder;

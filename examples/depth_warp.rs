@@ -6,7 +6,7 @@
 //!
 //! The room is made by the program. To warp a photograph of your own, read it with `oblate::importers::depth`, or use `oblate warp`.
 
-use oblate::baselines;
+use oblate::chart::baselines;
 use oblate::engine::color::linear_to_srgb;
 use oblate::engine::{Blend, Frame, RenderSettings, Renderer, Scene};
 use oblate::surfels::{DEPTH_LOW_PASS, DepthSettings, RgbdImage, Room, depth_surfels, fill_disocclusions};

@@ -41,8 +41,7 @@
 //! The program `oblate` is these steps with options and scene files; `examples/mixed_scene.rs` is a program
 //! that a user might write.
 
-pub mod baselines;
-
+pub use oblate_chart as chart;
 pub use oblate_engine as engine;
 pub use oblate_importers as importers;
 pub use oblate_surfels as surfels;

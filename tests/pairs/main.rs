@@ -7,7 +7,7 @@ mod data;
 
 use data::Pair;
 use glam::DVec2;
-use oblate::baselines;
+use oblate::chart::baselines;
 use oblate::engine::color::linear_to_srgb;
 use oblate::engine::{Blend, Camera, Frame, RenderSettings, Scene, render};
 use oblate::surfels::{DEPTH_LOW_PASS, DepthSettings, RgbdImage, depth_surfels};

@@ -1,0 +1,10 @@
+//! What oblate's ways of drawing cost and how far they are from the truth, and where ways of drawing fail.
+//!
+//! [`stability`] holds fifteen cases in which such methods break: each gives curves and verdicts, of ours and of what others do.
+//! [`baselines`] are what others do with depth images.
+//!
+//! Nothing here reads a clock, a file or the network.
+
+pub mod baselines;
+pub mod curves;
+pub mod stability;
