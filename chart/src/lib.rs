@@ -7,4 +7,8 @@
 
 pub mod baselines;
 pub mod curves;
+pub mod front;
+pub mod measure;
+pub mod methods;
+pub mod scenes;
 pub mod stability;

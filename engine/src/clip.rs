@@ -1,7 +1,6 @@
 //! Clouds cut by planes.
 
 use crate::cloud::{Cloud, CloudError, Harmonics, Shapes, Splats, Strength, Surface};
-use crate::columns::Kind;
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
@@ -51,7 +50,7 @@ impl Cloud {
     /// When cut splats leave the range of single precision.
     pub fn clipped(&self, kept: &[HalfSpace]) -> Result<Self, CloudError> {
         let planes: Vec<_> = kept.iter().map(|plane| plane.seen_from(&self.cloud_to_world())).collect();
-        let is_surface = matches!(self.columns().kind, Kind::Surface(_));
+        let is_surface = self.is_surface();
         let inside = |index: usize| {
             let part = Part::whole(self.center(index), self.factor(index));
             Some((index, planes.iter().try_fold(part, |part, plane| part.inside(plane, is_surface))?))

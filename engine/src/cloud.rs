@@ -1,6 +1,6 @@
 //! Clouds of splats: structure of arrays, one strength for all splats of a cloud.
 
-use crate::columns::Columns;
+use crate::columns::{Columns, Kind};
 use crate::levels::{self, Level};
 use glam::{DAffine3, DMat3, Mat3, Vec3};
 use rayon::prelude::*;
@@ -227,6 +227,16 @@ impl Cloud {
     pub fn transformed(mut self, outer: DAffine3) -> Self {
         self.cloud_to_world = outer * self.cloud_to_world;
         self
+    }
+
+    /// Whether the splats are samples of a surface.
+    pub fn is_surface(&self) -> bool {
+        matches!(self.columns().kind, Kind::Surface(_))
+    }
+
+    /// Whether renderers have levels of detail to choose from.
+    pub fn has_levels(&self) -> bool {
+        self.levels.len() > 1
     }
 
     /// The number of splats.

@@ -6,7 +6,7 @@
 
 use crate::camera::{Camera, Projection};
 use crate::cloud::Cloud;
-use crate::columns::{CHILDREN, Kind, LANES};
+use crate::columns::{CHILDREN, LANES};
 use crate::footprint::{CameraSplat, Lens};
 use crate::levels::{Level, allowance};
 use crate::scene::{RenderSettings, Scene};
@@ -324,7 +324,7 @@ impl Search<'_> {
             radius,
             sigma: self.stretch * f64::from(cluster.largest_sigma),
             distances: [least as f32, (distance + radius) as f32],
-            is_surface: matches!(self.cloud.columns().kind, Kind::Surface(_)),
+            is_surface: self.cloud.is_surface(),
         });
         culled
     }

@@ -4,7 +4,7 @@ use glam::Vec3;
 use std::f32::consts::TAU;
 
 /// Steele, Lea, Flood, *Fast Splittable Pseudorandom Number Generators*, 2014: SplitMix64.
-pub(crate) struct Random(pub(crate) u64);
+pub struct Random(pub u64);
 
 impl Random {
     fn bits(&mut self) -> u64 {
@@ -16,23 +16,23 @@ impl Random {
     }
 
     /// From `low` to `high`.
-    pub(crate) fn uniform(&mut self, low: f32, high: f32) -> f32 {
+    pub fn uniform(&mut self, low: f32, high: f32) -> f32 {
         low + (high - low) * (self.bits() >> 40) as f32 / (1_u64 << 24) as f32
     }
 
     /// Of variance 1 about 0 (Box, Muller, *A Note on the Generation of Random Normal Deviates*, 1958).
-    pub(crate) fn normal(&mut self) -> f32 {
+    pub fn normal(&mut self) -> f32 {
         let [radius, angle] = [self.uniform(1e-7, 1.0), self.uniform(0.0, TAU)];
         (-2.0 * radius.ln()).sqrt() * angle.cos()
     }
 
     /// Three of [`Self::normal`].
-    pub(crate) fn normals(&mut self) -> Vec3 {
+    pub fn normals(&mut self) -> Vec3 {
         Vec3::new(self.normal(), self.normal(), self.normal())
     }
 
     /// Any direction.
-    pub(crate) fn direction(&mut self) -> Vec3 {
+    pub fn direction(&mut self) -> Vec3 {
         self.normals().try_normalize().unwrap_or(Vec3::Z)
     }
 }

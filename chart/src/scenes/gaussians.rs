@@ -2,9 +2,9 @@
 
 use super::random::Random;
 use glam::{Mat3, Vec3};
-use oblate::engine::color::srgb_to_linear;
-use oblate::engine::footprint::{CameraSplat, Footprint, Lens};
-use oblate::engine::{
+use oblate_engine::color::srgb_to_linear;
+use oblate_engine::footprint::{CameraSplat, Footprint, Lens};
+use oblate_engine::{
     Camera, Cloud, Harmonics, Material, OpacityFilter, RenderSettings, Shapes, Splats, Strength,
 };
 use std::f32::consts::TAU;
@@ -16,7 +16,7 @@ type Place = (Vec3, Vec3, Vec3, f32);
 const PER_SPLAT: usize = 15;
 
 /// Trained-like splats with harmonics of degree 3; y is down.
-pub(crate) fn trained(count: usize) -> Splats {
+pub fn trained(count: usize) -> Splats {
     let mut random = Random(7);
     let scale = (1e6 / count as f32).sqrt();
     let (mut centers, mut factors) = (Vec::with_capacity(count), Vec::with_capacity(count));
@@ -78,7 +78,7 @@ fn place(random: &mut Random) -> Place {
 }
 
 /// The same splats as extinction kernels whose opacities have the same peaks in a picture.
-pub(crate) fn as_extinction(mut splats: Splats, camera: &Camera, settings: &RenderSettings) -> Splats {
+pub fn as_extinction(mut splats: Splats, camera: &Camera, settings: &RenderSettings) -> Splats {
     let (Strength::Opacity { peaks, filter }, Shapes::Each(factors)) = (&splats.strength, &splats.shapes)
     else {
         return splats;
@@ -105,6 +105,6 @@ pub(crate) fn as_extinction(mut splats: Splats, camera: &Camera, settings: &Rend
 }
 
 /// The splats as a cloud.
-pub(crate) fn cloud(splats: Splats) -> Cloud {
+pub fn cloud(splats: Splats) -> Cloud {
     Cloud::new(splats).expect("the numbers are finite")
 }

@@ -1,0 +1,420 @@
+//! Pictures, times and errors of the ways in which a subject can be drawn.
+
+use crate::front::front;
+use crate::methods::{Family, Method, methods};
+use crate::scenes::{Known, Scale, Subject};
+use glam::{DVec2, UVec2};
+use oblate_engine::color::linear_to_srgb;
+use oblate_engine::{
+    Blend, Camera, CameraError, Channels, Counts, Frame, MetricsError, Observer, Pixels, ReferenceKind,
+    RenderSettings, Renderer, Scene, SceneError, Stage, compare, reference,
+};
+use serde::Serialize;
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+use thiserror::Error;
+
+/// Who watches: the library reads no clock.
+pub trait Watch: Sync {
+    /// The time since some moment.
+    fn now(&self) -> Duration;
+    /// So much of a piece of work is done, from 0 to 1.
+    fn at(&self, work: &str, share: f64);
+}
+
+/// How much is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Plan {
+    /// Pictures that times are taken of, after one that warms up.
+    pub frames: usize,
+    /// Pixels along a side of the window that R1 draws.
+    pub r1_side: u32,
+    /// Pixels along a side of the window that R2 draws.
+    pub r2_side: u32,
+    /// Its rays a pixel.
+    pub r2_rays: u32,
+}
+
+impl Plan {
+    /// What fits a scale.
+    pub fn new(scale: Scale) -> Self {
+        match scale {
+            Scale::Full => Self { frames: 7, r1_side: 128, r2_side: 56, r2_rays: 24 },
+            Scale::Quick => Self { frames: 3, r1_side: 64, r2_side: 32, r2_rays: 16 },
+        }
+    }
+}
+
+/// Why a subject can't be measured.
+#[derive(Debug, Error)]
+#[error(transparent)]
+#[allow(missing_docs, reason = "each is the error that it is named after")]
+pub enum MeasureError {
+    Camera(#[from] CameraError),
+    Metrics(#[from] MetricsError),
+    Scene(#[from] SceneError),
+}
+
+/// What a subject's ways of drawing cost and how far they are from the truth.
+#[derive(Clone, Debug, Serialize)]
+pub struct Measured {
+    /// The subject's.
+    pub name: String,
+    /// The subject's.
+    pub about: String,
+    /// In the scene.
+    pub splats: u64,
+    /// Pixels of the picture: width, height.
+    pub size: [u32; 2],
+    /// What errors are to: R1, and R2 or what is known.
+    pub references: [String; 2],
+    /// Left, top, width, height in pixels of what each reference draws.
+    pub windows: [[u32; 4]; 2],
+    /// The ways of drawing; the first is the default.
+    pub rows: Vec<Row>,
+    /// Pictures of the window of the first reference that differs least from what people look at.
+    #[serde(skip)]
+    pub pictures: Vec<Picture>,
+}
+
+/// A way of drawing.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// A few words.
+    pub method: String,
+    /// What is turned.
+    pub family: Family,
+    /// Median time of a picture in milliseconds.
+    pub median_ms: f64,
+    /// The quickest and the slowest.
+    pub spread_ms: [f64; 2],
+    /// Splats that were projected, and those of them that stand for several; not of others.
+    pub visible: Option<[u64; 2]>,
+    /// Errors to each reference.
+    pub errors: [Option<Errors>; 2],
+    /// Whether it is among the best, by time and 99.9 % error to each reference.
+    pub is_best: [bool; 2],
+}
+
+/// How far pictures are apart, in values of the space of blending, where white is 1.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Errors {
+    /// Null where nothing differs.
+    pub psnr_db: Option<f64>,
+    /// What 99.9 % of the pixels keep to.
+    pub p999: f64,
+    /// The largest.
+    pub max: f64,
+    /// The mean over pixels.
+    pub mean: f64,
+    /// Structural similarity.
+    pub ssim: f64,
+}
+
+/// A picture to be shown.
+#[derive(Clone, Debug)]
+pub struct Picture {
+    /// What it is: a few words.
+    pub name: String,
+    /// Pixels: width, height.
+    pub size: [usize; 2],
+    /// Display-encoded, opaque.
+    pub values: Vec<[f32; 3]>,
+}
+
+/// A part of a picture.
+#[derive(Clone, Copy, Debug)]
+struct Window {
+    low: UVec2,
+    size: UVec2,
+}
+
+impl Window {
+    /// A square about a place, moved into the picture.
+    fn new(camera: &Camera, focus: DVec2, side: u32) -> Self {
+        let whole = UVec2::from(camera.size());
+        let size = UVec2::splat(side).min(whole);
+        let middle = (whole.as_dvec2() * focus).as_ivec2() - size.as_ivec2() / 2;
+        Self { low: middle.clamp(glam::IVec2::ZERO, (whole - size).as_ivec2()).as_uvec2(), size }
+    }
+
+    /// A camera that sees just this part.
+    fn camera(&self, camera: &Camera) -> Result<Camera, CameraError> {
+        let mut intrinsics = camera.intrinsics();
+        intrinsics.center -= self.low.as_dvec2();
+        let part = Camera::from_intrinsics(camera.pose(), intrinsics, camera.projection(), self.size.into())?;
+        part.with_near(camera.near())
+    }
+
+    fn cut<T: Copy>(&self, whole: &[T], width: usize) -> Vec<T> {
+        let [x, y] = self.low.to_array().map(|v| v as usize);
+        let [w, h] = self.size.to_array().map(|v| v as usize);
+        (y..y + h).flat_map(|row| whole[row * width + x..][..w].iter().copied()).collect()
+    }
+}
+
+/// What is right in a window.
+struct Truth {
+    name: String,
+    window: Window,
+    values: Vec<[f32; 4]>,
+    /// Pixels that count.
+    counts: Option<Vec<bool>>,
+}
+
+impl Truth {
+    fn drawn(
+        subject: &Subject,
+        (name, kind, side): (&str, ReferenceKind, u32),
+        watch: &dyn Watch,
+    ) -> Result<Self, MeasureError> {
+        let window = Window::new(&subject.camera, subject.focus, side);
+        let camera = window.camera(&subject.camera)?;
+        let work = format!("{}: {name}", subject.name);
+        let rows = f64::from(window.size.y);
+        let progress = |row: usize| watch.at(&work, row as f64 / rows);
+        let frame = reference(&subject.scene, &camera, &subject.settings, kind, &progress)?;
+        let values = values(&frame, subject.settings.blend);
+        Ok(Self { name: name.into(), window, values, counts: None })
+    }
+
+    fn known(subject: &Subject, known: &Known) -> Self {
+        let window = Window { low: UVec2::ZERO, size: subject.camera.size().into() };
+        let values = values(&known.frame, subject.settings.blend);
+        Self { name: known.name.clone(), window, values, counts: Some(known.counts.clone()) }
+    }
+
+    fn errors(&self, whole: &[[f32; 4]], width: usize) -> Result<Errors, MetricsError> {
+        let mut found = self.window.cut(whole, width);
+        if let Some(counts) = &self.counts {
+            for ((value, right), counts) in found.iter_mut().zip(&self.values).zip(counts) {
+                if !counts {
+                    *value = *right;
+                }
+            }
+        }
+        let [w, h] = self.window.size.to_array().map(|v| v as usize);
+        let pixels = |values| Pixels { width: w, height: h, channels: 4, values };
+        let metrics = compare(pixels(found.as_flattened()), pixels(self.values.as_flattened()))?;
+        Ok(Errors {
+            psnr_db: Some(metrics.psnr_db).filter(|db| db.is_finite()),
+            p999: metrics.p999_error,
+            max: metrics.max_error,
+            mean: metrics.mean_error,
+            ssim: metrics.ssim,
+        })
+    }
+}
+
+/// A frame's values in the space of blending: linear light or display-encoded, premultiplied.
+fn values(frame: &Frame, blend: Blend) -> Vec<[f32; 4]> {
+    let encode = |[r, g, b, a]: [f32; 4]| match blend {
+        Blend::Linear => [r, g, b, a],
+        Blend::Display if a > 0.0 => {
+            let [r, g, b] = [r, g, b].map(|c| a * linear_to_srgb(c / a));
+            [r, g, b, a]
+        }
+        Blend::Display => [0.0; 4],
+    };
+    frame.color.iter().map(|pixel| encode(*pixel)).collect()
+}
+
+/// What is drawn and timed: one of the engine's ways, or another.
+struct Contender<'a> {
+    method: Method,
+    other: Option<&'a (dyn Fn() -> Frame + Send + Sync)>,
+    times: Vec<f64>,
+    counts: Counts,
+    values: Vec<[f32; 4]>,
+}
+
+/// Keeps the counts of a frame.
+#[derive(Default)]
+struct Counter(Mutex<Counts>);
+
+impl Observer for Counter {
+    fn begin(&self, _stage: Stage) {}
+
+    fn counts(&self, counts: Counts) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = counts;
+    }
+}
+
+/// Draws a subject in every way, compares it with what is right, and takes the times, in turns.
+///
+/// # Errors
+/// When the subject can't be drawn.
+pub fn measure(subject: &Subject, plan: &Plan, watch: &dyn Watch) -> Result<Measured, MeasureError> {
+    let r1 = Truth::drawn(subject, ("R1", ReferenceKind::R1, plan.r1_side), watch)?;
+    let second = match &subject.known {
+        Some(known) => Truth::known(subject, known),
+        None => {
+            let kind = ReferenceKind::R2 { samples: plan.r2_rays };
+            Truth::drawn(subject, ("R2", kind, plan.r2_side), watch)?
+        }
+    };
+    let contenders = race(subject, plan, watch)?;
+    let width = subject.camera.size()[0] as usize;
+    let mut rows = Vec::with_capacity(contenders.len());
+    for contender in &contenders {
+        // Others are not held to what splats alone should show.
+        let to_r1 = contender.other.is_none().then(|| r1.errors(&contender.values, width)).transpose()?;
+        let to_second = Some(second.errors(&contender.values, width)?);
+        rows.push(row(contender, [to_r1, to_second]));
+    }
+    for which in 0..2 {
+        let points = rows.iter().map(|row| {
+            // Another filter is another picture, no better or worse one.
+            let counts = row.family != Family::LowPass;
+            let error = row.errors[which].filter(|_| counts).map_or(f64::NAN, |errors| errors.p999);
+            [row.median_ms, error]
+        });
+        let best = front(&points.collect::<Vec<_>>());
+        rows.iter_mut().zip(best).for_each(|(row, is_best)| row.is_best[which] = is_best);
+    }
+    let corners = |window: &Window| [window.low.x, window.low.y, window.size.x, window.size.y];
+    Ok(Measured {
+        name: subject.name.clone(),
+        about: subject.about.clone(),
+        splats: subject.scene.clouds.iter().map(|cloud| cloud.len() as u64).sum(),
+        size: subject.camera.size(),
+        references: [r1.name.clone(), second.name.clone()],
+        windows: [corners(&r1.window), corners(&second.window)],
+        rows,
+        pictures: pictures(subject, [&r1, &second], &contenders),
+    })
+}
+
+fn row(contender: &Contender<'_>, errors: [Option<Errors>; 2]) -> Row {
+    let mut times = contender.times.clone();
+    times.sort_by(f64::total_cmp);
+    let counts = contender.counts;
+    Row {
+        method: contender.method.name.clone(),
+        family: contender.method.family,
+        median_ms: times[times.len() / 2],
+        spread_ms: [times[0], times[times.len() - 1]],
+        visible: contender.other.is_none().then_some([counts.visible, counts.merged]),
+        errors,
+        is_best: [false; 2],
+    }
+}
+
+/// Draws in every way, again and again in turns, so that what else the machine does meets all alike.
+fn race<'a>(
+    subject: &'a Subject,
+    plan: &Plan,
+    watch: &dyn Watch,
+) -> Result<Vec<Contender<'a>>, MeasureError> {
+    let ways = methods(&subject.scene, &subject.settings);
+    let contender = |method, other| Contender {
+        method,
+        other,
+        times: Vec::new(),
+        counts: Counts::default(),
+        values: Vec::new(),
+    };
+    let others = subject.known.iter().flat_map(|known| &known.others).map(|other| {
+        let method =
+            Method { name: other.name.clone(), family: Family::Other, settings: subject.settings };
+        contender(method, Some(&*other.draw as &(dyn Fn() -> Frame + Send + Sync)))
+    });
+    let mut contenders: Vec<Contender<'a>> =
+        ways.into_iter().map(|way| contender(way, None)).chain(others).collect();
+    let mut renderer = Renderer::new();
+    let work = format!("{}: {} ways of drawing", subject.name, contenders.len());
+    let rounds = plan.frames + 1;
+    let mut refused = Vec::new();
+    for round in 0..rounds {
+        for (place, contender) in contenders.iter_mut().enumerate() {
+            watch.at(&work, round as f64 / rounds as f64);
+            let begun = watch.now();
+            let is_drawn = contender.draw(subject, &mut renderer, round == 0)?;
+            if !is_drawn {
+                refused.push(place);
+            } else if round > 0 {
+                contender.times.push((watch.now() - begun).as_secs_f64() * 1e3);
+            }
+        }
+        for place in refused.drain(..).rev() {
+            contenders.remove(place);
+        }
+    }
+    Ok(contenders)
+}
+
+impl Contender<'_> {
+    /// Draws once, and keeps the picture if it is the first. Gives whether the scene can be drawn in this way.
+    fn draw(
+        &mut self,
+        subject: &Subject,
+        renderer: &mut Renderer,
+        is_first: bool,
+    ) -> Result<bool, MeasureError> {
+        if let Some(other) = self.other {
+            let frame = other();
+            if is_first {
+                self.values = values(&opaque(&frame, subject.settings.background), subject.settings.blend);
+            }
+            return Ok(true);
+        }
+        let remade: Option<Scene> =
+            subject.known.as_ref().and_then(|known| known.remake.as_ref()).map(|remake| remake());
+        let scene = remade.as_ref().unwrap_or(&subject.scene);
+        let counter = Counter::default();
+        let settings = RenderSettings { channels: Channels::Color, ..self.method.settings };
+        let frame = match renderer.render(scene, &subject.camera, &settings, &counter) {
+            // Sheets need a grid.
+            Err(SceneError::NoGrid) => return Ok(false),
+            frame => frame?,
+        };
+        if is_first {
+            self.values = values(frame, subject.settings.blend);
+            self.counts = counter.0.into_inner().unwrap_or_else(PoisonError::into_inner);
+        }
+        Ok(true)
+    }
+}
+
+/// A frame over a background.
+fn opaque(frame: &Frame, [r, g, b, a]: [f32; 4]) -> Frame {
+    let over = |[x, y, z, w]: [f32; 4]| {
+        let through = (1.0 - w) * a;
+        [x + through * r, y + through * g, z + through * b, w + through]
+    };
+    Frame { color: frame.color.iter().map(|pixel| over(*pixel)).collect(), ..frame.clone() }
+}
+
+/// The default, what is right, how they differ, and how the worst of the quick ones does.
+fn pictures(subject: &Subject, truths: [&Truth; 2], contenders: &[Contender<'_>]) -> Vec<Picture> {
+    // People judge a known picture by what it shows, others by what splats should show.
+    let truth = truths[usize::from(subject.known.is_some())];
+    let width = subject.camera.size()[0] as usize;
+    let size = truth.window.size.to_array().map(|side| side as usize);
+    let shown = |name: String, pixel: &dyn Fn(usize) -> [f32; 3]| Picture {
+        name,
+        size,
+        values: (0..size[0] * size[1]).map(pixel).collect(),
+    };
+    let display = |[r, g, b, _]: [f32; 4]| match subject.settings.blend {
+        Blend::Linear => [r, g, b].map(linear_to_srgb),
+        Blend::Display => [r, g, b],
+    };
+    let mut all = vec![shown(truth.name.clone(), &|at| display(truth.values[at]))];
+    let compared = |name: &str| contenders.iter().find(|contender| contender.method.name == name);
+    let second = if subject.known.is_some() { "nearest writes" } else { "centers, affine" };
+    for contender in contenders.first().into_iter().chain(compared(second)) {
+        let part = truth.window.cut(&contender.values, width);
+        all.push(shown(contender.method.name.clone(), &|at| display(part[at])));
+        let off = |at: usize| -> [f32; 3] {
+            let counts = truth.counts.as_ref().is_none_or(|counts| counts[at]);
+            let apart = |i: usize| (part[at][i] - truth.values[at][i]).abs() * DIFFERENCE_SCALE;
+            if counts { [0, 1, 2].map(apart) } else { [0.0; 3] }
+        };
+        all.push(shown(format!("{}, {DIFFERENCE_SCALE} × the difference", contender.method.name), &off));
+    }
+    all
+}
+
+/// By how much differences are brightened where they are shown.
+pub const DIFFERENCE_SCALE: f32 = 32.0;
