@@ -1,5 +1,6 @@
 //! The subcommands.
 
+pub(crate) mod chart;
 pub(crate) mod compare;
 pub(crate) mod convert;
 pub(crate) mod extract;

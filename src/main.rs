@@ -14,6 +14,7 @@ mod framing;
 mod inputs;
 mod notation;
 mod output;
+mod peers;
 mod picture;
 mod progress;
 mod scene_file;
@@ -42,6 +43,7 @@ enum Command {
     Extract(Box<command::extract::ExtractArgs>),
     Warp(Box<command::warp::WarpArgs>),
     Compare(command::compare::CompareArgs),
+    Chart(command::chart::ChartArgs),
 }
 
 fn main() -> ExitCode {
@@ -54,6 +56,7 @@ fn main() -> ExitCode {
         Command::Extract(args) => command::extract::run(*args).map(|()| ExitCode::SUCCESS),
         Command::Warp(args) => command::warp::run(*args).map(|()| ExitCode::SUCCESS),
         Command::Compare(args) => command::compare::run(&args),
+        Command::Chart(args) => command::chart::run(&args).map(|()| ExitCode::SUCCESS),
     };
     result.unwrap_or_else(|error| {
         progress::complain(format_args!("error: {}", one_line(&error)));

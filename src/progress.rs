@@ -65,6 +65,13 @@ pub(crate) struct Task {
 }
 
 impl Task {
+    /// Says what is being done.
+    pub(crate) fn says(&self, what: &str) {
+        if self.bar.message() != what {
+            self.bar.set_message(what.to_owned());
+        }
+    }
+
     /// Says how much of how much is done.
     pub(crate) fn at(&self, done: u64, of: u64) {
         self.bar.set_length(of);

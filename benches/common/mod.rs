@@ -1,12 +1,11 @@
 //! What the benchmarks draw: a table of works, each a scene and the frames that are made of it.
 
-mod gaussians;
 mod hidden;
-mod random;
 pub(crate) mod surfels;
 pub(crate) mod volumes;
 
 use glam::DVec3;
+use oblate::chart::scenes::gaussians;
 use oblate::engine::{
     Blend, Camera, Channels, Cloud, FootprintForm, Light, Order, Pose, RenderSettings, Scene,
 };

@@ -1,7 +1,7 @@
 //! Opaque surfels: half of them on a torus, half on a sphere that it surrounds, in random places.
 
-use super::random::Random;
 use glam::Vec3;
+use oblate::chart::scenes::random::Random;
 use oblate::engine::cloud::oblate_factor;
 use oblate::engine::{Cloud, Material, Shapes, Splats, Strength, Surface};
 use std::f32::consts::{PI, TAU};

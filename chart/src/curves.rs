@@ -18,6 +18,13 @@ pub enum Role {
     Estimate,
 }
 
+impl Role {
+    /// Whether it is what others do.
+    pub fn is_of_others(self) -> bool {
+        self == Self::Baseline
+    }
+}
+
 /// An axis of a panel.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Axis {

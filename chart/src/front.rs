@@ -22,7 +22,8 @@ mod tests {
 
     #[test]
     fn the_best_are_those_that_nothing_beats() {
-        let points = [[1.0, 5.0], [2.0, 3.0], [2.5, 3.0], [4.0, 1.0], [4.0, 6.0], [1.05, 4.9], [f64::NAN, 0.0]];
+        let points =
+            [[1.0, 5.0], [2.0, 3.0], [2.5, 3.0], [4.0, 1.0], [4.0, 6.0], [1.05, 4.9], [f64::NAN, 0.0]];
         // The sixth is slower than the first by less than can be told, and the first no worse by less.
         assert_eq!(front(&points), [true, true, false, true, false, true, false]);
     }

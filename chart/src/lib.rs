@@ -10,5 +10,7 @@ pub mod curves;
 pub mod front;
 pub mod measure;
 pub mod methods;
+pub mod plot;
+pub mod report;
 pub mod scenes;
 pub mod stability;

@@ -2,9 +2,9 @@
 
 use crate::front::front;
 use crate::methods::{Family, Method, methods};
-use crate::scenes::{Known, Scale, Subject};
+use crate::scenes::{Known, Peer, Scale, Subject};
 use glam::{DVec2, UVec2};
-use oblate_engine::color::linear_to_srgb;
+use oblate_engine::color::{linear_to_srgb, srgb_to_linear};
 use oblate_engine::{
     Blend, Camera, CameraError, Channels, Counts, Frame, MetricsError, Observer, Pixels, ReferenceKind,
     RenderSettings, Renderer, Scene, SceneError, Stage, compare, reference,
@@ -39,8 +39,8 @@ impl Plan {
     /// What fits a scale.
     pub fn new(scale: Scale) -> Self {
         match scale {
-            Scale::Full => Self { frames: 7, r1_side: 128, r2_side: 56, r2_rays: 24 },
-            Scale::Quick => Self { frames: 3, r1_side: 64, r2_side: 32, r2_rays: 16 },
+            Scale::Full => Self { frames: 5, r1_side: 80, r2_side: 40, r2_rays: 16 },
+            Scale::Quick => Self { frames: 3, r1_side: 40, r2_side: 24, r2_rays: 12 },
         }
     }
 }
@@ -72,7 +72,7 @@ pub struct Measured {
     pub windows: [[u32; 4]; 2],
     /// The ways of drawing; the first is the default.
     pub rows: Vec<Row>,
-    /// Pictures of the window of the first reference that differs least from what people look at.
+    /// What people look at: the whole picture, and parts of it beside what is right there.
     #[serde(skip)]
     pub pictures: Vec<Picture>,
 }
@@ -219,6 +219,12 @@ fn values(frame: &Frame, blend: Blend) -> Vec<[f32; 4]> {
     frame.color.iter().map(|pixel| encode(*pixel)).collect()
 }
 
+/// A peer's picture in the space of blending.
+fn shown_values(peer: &Peer, blend: Blend) -> Vec<[f32; 4]> {
+    let decode = |c: f32| if blend == Blend::Linear { srgb_to_linear(c) } else { c };
+    peer.display.iter().map(|pixel| pixel.map(decode)).map(|[r, g, b]| [r, g, b, 1.0]).collect()
+}
+
 /// What is drawn and timed: one of the engine's ways, or another.
 struct Contender<'a> {
     method: Method,
@@ -262,10 +268,26 @@ pub fn measure(subject: &Subject, plan: &Plan, watch: &dyn Watch) -> Result<Meas
         let to_second = Some(second.errors(&contender.values, width)?);
         rows.push(row(contender, [to_r1, to_second]));
     }
+    for peer in &subject.peers {
+        let values = shown_values(peer, subject.settings.blend);
+        let errors = [r1.errors(&values, width)?, second.errors(&values, width)?];
+        let (median_ms, spread_ms) = (peer.median_ms, peer.spread_ms);
+        let (method, family) = (peer.name.clone(), Family::Peer);
+        let is_best = [false; 2];
+        rows.push(Row {
+            method,
+            family,
+            median_ms,
+            spread_ms,
+            visible: None,
+            errors: errors.map(Some),
+            is_best,
+        });
+    }
     for which in 0..2 {
         let points = rows.iter().map(|row| {
-            // Another filter is another picture, no better or worse one.
-            let counts = row.family != Family::LowPass;
+            // Another filter is another picture, no better or worse one; and programs of others drew what they were given, not this.
+            let counts = !matches!(row.family, Family::LowPass | Family::Peer);
             let error = row.errors[which].filter(|_| counts).map_or(f64::NAN, |errors| errors.p999);
             [row.median_ms, error]
         });
@@ -315,8 +337,7 @@ fn race<'a>(
         values: Vec::new(),
     };
     let others = subject.known.iter().flat_map(|known| &known.others).map(|other| {
-        let method =
-            Method { name: other.name.clone(), family: Family::Other, settings: subject.settings };
+        let method = Method { name: other.name.clone(), family: Family::Other, settings: subject.settings };
         contender(method, Some(&*other.draw as &(dyn Fn() -> Frame + Send + Sync)))
     });
     let mut contenders: Vec<Contender<'a>> =
@@ -400,7 +421,13 @@ fn pictures(subject: &Subject, truths: [&Truth; 2], contenders: &[Contender<'_>]
         Blend::Linear => [r, g, b].map(linear_to_srgb),
         Blend::Display => [r, g, b],
     };
-    let mut all = vec![shown(truth.name.clone(), &|at| display(truth.values[at]))];
+    let mut all = Vec::new();
+    if let Some(default) = contenders.first().filter(|_| subject.known.is_none()) {
+        let whole = subject.camera.size().map(|side| side as usize);
+        let values = default.values.iter().map(|pixel| display(*pixel)).collect();
+        all.push(Picture { name: "the whole picture".into(), size: whole, values });
+    }
+    all.push(shown(truth.name.clone(), &|at| display(truth.values[at])));
     let compared = |name: &str| contenders.iter().find(|contender| contender.method.name == name);
     let second = if subject.known.is_some() { "nearest writes" } else { "centers, affine" };
     for contender in contenders.first().into_iter().chain(compared(second)) {

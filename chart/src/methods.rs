@@ -108,7 +108,9 @@ pub fn methods(scene: &Scene, settings: &RenderSettings) -> Vec<Method> {
         }
     }
     add(Family::Fixed, "points".into(), RenderSettings { footprint: FootprintForm::Point, ..fixed });
-    for cutoff in CUTOFFS {
+    // Where samples of surfaces end is part of what they are.
+    let has_surfaces = scene.clouds.iter().any(|cloud| cloud.is_surface());
+    for cutoff in CUTOFFS.into_iter().filter(|_| !has_surfaces) {
         add(Family::Cutoff, format!("cut off at ρ = {cutoff}"), RenderSettings { cutoff, ..*settings });
     }
     for low_pass in LOW_PASSES.into_iter().filter(|variance| *variance != settings.low_pass) {

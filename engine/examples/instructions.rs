@@ -3,7 +3,7 @@
 //! `instructions SCENE` draws a scene twice on one thread and prints how many splats and pixels that took. In the second
 //! frame the functions below mark where each stage begins and ends.
 
-#[path = "../../benches/common/random.rs"]
+#[path = "../../chart/src/scenes/random.rs"]
 mod random;
 
 use glam::{DVec3, Mat3, Vec3};

@@ -51,6 +51,7 @@ fn subject(name: &str, about: &str, clouds: Vec<Cloud>, camera: Camera) -> Subje
         settings: RenderSettings { background: [0.02, 0.02, 0.02, 1.0], ..RenderSettings::default() },
         focus: DVec2::splat(0.5),
         known: None,
+        peers: Vec::new(),
     }
 }
 
@@ -73,7 +74,7 @@ fn classified(volume: &Volume, transfer: &str) -> Result<Cloud, SubjectError> {
 }
 
 pub(super) fn head(scale: Scale) -> Result<Subject, SubjectError> {
-    let kernels = classified(&phantom(scale.pick(96, 40))?, HEAD)?;
+    let kernels = classified(&phantom(scale.pick(72, 40))?, HEAD)?;
     let about = "A medical volume: the Shepp–Logan head as shaded, semi-transparent kernels. What is hard: tens of them overlap on every ray.";
     let camera = camera(DVec3::new(2.2, -2.9, 1.6), DVec3::Z, scale.side())?;
     Ok(Subject { focus: DVec2::new(0.36, 0.42), ..subject("head", about, vec![kernels], camera) })
@@ -112,7 +113,7 @@ fn motley(count: usize) -> Result<Cloud, SubjectError> {
 pub(super) fn clouds(scale: Scale) -> Result<Subject, SubjectError> {
     let about = "Kernels of all sizes in contrasting colours through each other, optical depths about 0.3: every mistake in the order shows as a wrong colour.";
     let camera = camera(DVec3::new(1.6, 1.2, -4.0), DVec3::Y, scale.side())?;
-    let cloud = motley(scale.pick(30_000, 6_000))?;
+    let cloud = motley(scale.pick(20_000, 4_000))?;
     Ok(Subject { focus: DVec2::new(0.4, 0.4), ..subject("clouds", about, vec![cloud], camera) })
 }
 
@@ -168,15 +169,18 @@ pub(super) fn trained(scale: Scale) -> Result<Subject, SubjectError> {
 }
 
 pub(super) fn staged(scale: Scale) -> Result<Subject, SubjectError> {
-    let splats = cloud(trained_splats(scale.pick(40_000, 10_000)));
+    let splats = cloud(trained_splats(scale.pick(4_000, 2_000)));
     let place = DAffine3::from_translation(DVec3::new(0.2, -1.0, 0.3));
     let ring = knot(scale.pick(0.015, 0.035), 0.8)?.transformed(place);
-    let smoke = motley(scale.pick(6_000, 2_000))?;
+    let smoke = motley(scale.pick(1_500, 600))?;
     let masses = smoke.splats();
     let smoke = Cloud::new(Splats { colors: vec![[0.7, 0.75, 0.8]; masses.colors.len()], ..masses })?;
     let about = "Trained splats with a mesh through them and smoke around both: three kinds of strength in one order along every ray.";
     let clouds = vec![splats, ring, smoke.transformed(place)];
-    Ok(Subject { focus: DVec2::new(0.5, 0.45), ..subject("staged", about, clouds, trained_camera(scale.side())?) })
+    Ok(Subject {
+        focus: DVec2::new(0.5, 0.45),
+        ..subject("staged", about, clouds, trained_camera(scale.side())?)
+    })
 }
 
 pub(super) fn far(scale: Scale) -> Result<Subject, SubjectError> {

@@ -5,10 +5,10 @@ mod made;
 pub mod random;
 mod warped;
 
+use glam::DVec2;
 use oblate_engine::{Camera, CameraError, CloudError, Frame, RenderSettings, Scene};
 use oblate_surfels::{DepthError, SampleError};
 use oblate_volumes::{IsoError, TransferTextError, VolumeError};
-use glam::DVec2;
 use thiserror::Error;
 
 /// What is drawn and measured.
@@ -27,6 +27,21 @@ pub struct Subject {
     pub focus: DVec2,
     /// What it stands for, where that is known better than any reference draws it.
     pub known: Option<Known>,
+    /// What other programs drew of it.
+    pub peers: Vec<Peer>,
+}
+
+/// What another program drew, and how long it took.
+#[derive(Clone, Debug)]
+pub struct Peer {
+    /// The program and its version.
+    pub name: String,
+    /// Median time of a picture in milliseconds.
+    pub median_ms: f64,
+    /// The quickest and the slowest.
+    pub spread_ms: [f64; 2],
+    /// The whole picture, display-encoded and opaque.
+    pub display: Vec<[f32; 3]>,
 }
 
 /// A picture that is right, and other ways to it than splats.

@@ -54,6 +54,7 @@ pub(super) fn warp(scale: Scale) -> Result<Subject, SubjectError> {
             ..RenderSettings::default()
         },
         focus: DVec2::splat(0.5),
+        peers: Vec::new(),
         known: Some(Known { name, frame, counts, others, remake: Some(remake) }),
     })
 }

@@ -1,0 +1,334 @@
+//! Everything that was found on one page, which needs no network.
+
+use crate::measure::{Errors, Measured, Picture, Row};
+use crate::methods::{Family, LEVEL};
+use crate::plot::{Drawing, PlotError, chart, panel};
+use crate::stability::{Bound, Case, Findings};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use serde::Serialize;
+use std::fmt::Write;
+
+/// Where and by what it was measured.
+#[derive(Clone, Debug, Serialize)]
+pub struct Machine {
+    /// The processor's name.
+    pub processor: String,
+    /// Threads that drew.
+    pub threads: usize,
+    /// The widest instructions that were used.
+    pub instructions: String,
+    /// Operating system and architecture.
+    pub system: String,
+    /// Of oblate.
+    pub version: String,
+    /// The command.
+    pub command: String,
+}
+
+/// A case of the stability suite and what it found.
+pub type Found = (Case, Findings);
+
+/// What a report is of.
+#[derive(Clone, Copy, Debug)]
+pub struct Report<'a> {
+    /// Where and by what it was measured.
+    pub machine: &'a Machine,
+    /// Subjects.
+    pub measured: &'a [Measured],
+    /// Cases.
+    pub failures: &'a [Found],
+}
+
+/// A file beside the report.
+#[derive(Clone, Debug)]
+pub struct File {
+    /// Its name.
+    pub name: String,
+    /// What is in it.
+    pub content: Vec<u8>,
+}
+
+impl Report<'_> {
+    /// The page `report.html`, all charts as SVG and PNG, and all numbers as `chart.json`.
+    ///
+    /// # Errors
+    /// When a chart can't be drawn.
+    pub fn files(&self) -> Result<Vec<File>, PlotError> {
+        let mut files = Vec::new();
+        let mut page = head(self.machine);
+        if !self.measured.is_empty() {
+            page += &advice(self.measured);
+            if self.measured.len() > 1 {
+                page += &kept(&mut files, "overview", crate::plot::overview(self.measured)?);
+            }
+        }
+        for measured in self.measured {
+            page += &subject(measured, &mut files)?;
+        }
+        if !self.failures.is_empty() {
+            page += &summary_of_cases(self.failures);
+        }
+        for (case, findings) in self.failures {
+            page += &failures(case, findings, &mut files)?;
+        }
+        page += "</main></body></html>\n";
+        files.push(File { name: "report.html".into(), content: page.into_bytes() });
+        files.push(File { name: "chart.json".into(), content: self.json() });
+        Ok(files)
+    }
+
+    fn json(&self) -> Vec<u8> {
+        #[derive(Serialize)]
+        struct All<'a> {
+            format: u32,
+            machine: &'a Machine,
+            subjects: &'a [Measured],
+            cases: Vec<CaseFound<'a>>,
+        }
+        #[derive(Serialize)]
+        struct CaseFound<'a> {
+            number: u8,
+            title: &'a str,
+            criterion: &'a str,
+            #[serde(flatten)]
+            findings: &'a Findings,
+        }
+        let found = |(case, findings): &'_ Found| (case.number, case.title, case.criterion, findings.clone());
+        let owned: Vec<_> = self.failures.iter().map(found).collect();
+        let cases = owned.iter().map(|(number, title, criterion, findings)| CaseFound {
+            number: *number,
+            title,
+            criterion,
+            findings,
+        });
+        let all = All { format: 1, machine: self.machine, subjects: self.measured, cases: cases.collect() };
+        serde_json::to_vec_pretty(&all).unwrap_or_default()
+    }
+}
+
+/// Keeps a chart's files, and gives the chart for the page.
+fn kept(files: &mut Vec<File>, name: &str, drawing: Drawing) -> String {
+    let figure = format!("<figure>{}</figure>\n", drawing.svg);
+    files.push(File { name: format!("{name}.svg"), content: drawing.svg.into_bytes() });
+    files.push(File { name: format!("{name}.png"), content: drawing.png });
+    figure
+}
+
+fn head(machine: &Machine) -> String {
+    let Machine { processor, threads, instructions, system, version, command } = machine;
+    let (processor, system, command) = (escaped(processor), escaped(system), escaped(command));
+    format!(
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>oblate: speed against accuracy</title>\n\
+         <meta name=\"viewport\" content=\"width=device-width\"><style>{STYLE}</style></head><body><main>\n\
+         <h1>Speed against accuracy</h1>\n\
+         <p>oblate {version} on {threads} threads of {processor} ({instructions}; {system}): <code>{command}</code></p>\n\
+         <p>Each scene is drawn in every way that fits it, in turns; times are medians of a whole picture, the quickest and the slowest \
+         beside them. Errors are those of a channel, where white is 1, in the space in which the scene is blended. <b>R1</b> integrates the same \
+         filtered splats exactly along each pixel's ray: it shows what order, overlap and footprint cost. <b>R2</b> takes the splats as they are and many rays a \
+         pixel: it shows what filtering them one by one costs, too. A line at 1/255 is one step of an 8-bit picture.</p>\n"
+    )
+}
+
+const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;color:#222;background:#fff;margin:0}main{max-width:1120px;margin:auto;padding:1em}\
+    table{border-collapse:collapse;margin:1em 0;font-size:13px}td,th{padding:.15em .7em;text-align:right;border-bottom:1px solid #ddd}\
+    td:first-child,th:first-child{text-align:left}tr.best{background:#eef6ff}tr.first{font-weight:bold}.fails{color:#b00}.passes{color:#070}\
+    figure{margin:1em 0;display:inline-block}figure svg{max-width:100%;height:auto}.pictures figure{margin:0 .6em .6em 0;font-size:13px}\
+    .pictures img{image-rendering:pixelated;display:block;width:260px}details summary{cursor:pointer}code{font-size:13px}";
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// Which way to draw each scene.
+fn advice(all: &[Measured]) -> String {
+    let mut text = String::from(
+        "<h2>Which way to draw</h2>\n<p>The default keeps to 1/255 in 999 pixels of 1000 where its error is in green. The quickest is the fastest \
+         way that does, the most accurate the slowest way worth its time.</p>\n<table><tr><th>scene</th><th>default, ms</th><th>error of 99.9 %</th>\
+         <th>quickest within 1/255</th><th>ms</th><th>error</th><th>most accurate</th><th>ms</th><th>error</th></tr>\n",
+    );
+    for measured in all {
+        // What a reference of the same splats says; a known picture holds what splats cannot.
+        let ours = |row: &&Row| !matches!(row.family, Family::LowPass | Family::Peer | Family::Other);
+        let error = |row: &Row| row.errors[0].map_or(f64::INFINITY, |errors| errors.p999);
+        let within = measured.rows.iter().filter(ours).filter(|row| error(row) <= LEVEL);
+        let quickest = within.min_by(|a, b| a.median_ms.total_cmp(&b.median_ms));
+        let best = measured.rows.iter().filter(ours).filter(|row| row.is_best[0]);
+        let closest = best.min_by(|a, b| error(a).total_cmp(&error(b)));
+        let Some(default) = measured.rows.first() else { continue };
+        let cells = |row: Option<&Row>| match row {
+            Some(row) => format!(
+                "<td>{}</td><td>{}</td><td>{}</td>",
+                escaped(&row.method),
+                milliseconds(row.median_ms),
+                small(error(row))
+            ),
+            None => "<td>none</td><td></td><td></td>".into(),
+        };
+        let class = if error(default) <= LEVEL { "passes" } else { "fails" };
+        let _ = writeln!(
+            text,
+            "<tr><td><a href=\"#{0}\">{0}</a></td><td>{1}</td><td class=\"{class}\">{2}</td>{3}{4}</tr>",
+            escaped(&measured.name),
+            milliseconds(default.median_ms),
+            small(error(default)),
+            cells(quickest),
+            cells(closest)
+        );
+    }
+    text + "</table>\n"
+}
+
+fn subject(measured: &Measured, files: &mut Vec<File>) -> Result<String, PlotError> {
+    let name = escaped(&measured.name);
+    let [[.., w1, h1], [.., w2, h2]] = measured.windows;
+    let mut text = format!(
+        "<h2 id=\"{name}\">{name}</h2>\n<p>{}</p>\n<p>{} splats, {}×{} pixels; {} on {w1}×{h1} of them, {} on {w2}×{h2}.</p>\n",
+        escaped(&measured.about),
+        measured.splats,
+        measured.size[0],
+        measured.size[1],
+        escaped(&measured.references[0]),
+        escaped(&measured.references[1]),
+    );
+    text += "<div class=\"pictures\">";
+    for picture in &measured.pictures {
+        let image = STANDARD.encode(png(picture));
+        let _ = write!(
+            text,
+            "<figure><img alt=\"\" src=\"data:image/png;base64,{image}\"><figcaption>{}</figcaption></figure>",
+            escaped(&picture.name)
+        );
+    }
+    text += "</div>\n";
+    for (which, suffix) in ["r1", "r2"].into_iter().enumerate() {
+        text += &kept(files, &format!("{}-{suffix}", file_name(&measured.name)), chart(measured, which)?);
+    }
+    let [first, second] = measured.references.each_ref().map(|name| escaped(name));
+    let _ = write!(
+        text,
+        "<details open><summary>All ways of drawing</summary><table><tr><th>way</th><th>ms</th><th>from, to</th><th>splats</th>\
+         <th>{first}: PSNR</th><th>99.9 %</th><th>largest</th><th>SSIM</th><th>{second}: PSNR</th><th>99.9 %</th><th>largest</th><th>SSIM</th></tr>\n"
+    );
+    for (place, row) in measured.rows.iter().enumerate() {
+        let class = match (place, row.is_best[0]) {
+            (0, _) => "first",
+            (_, true) => "best",
+            _ => "",
+        };
+        let [quickest, slowest] = row.spread_ms.map(milliseconds);
+        let splats = row.visible.map_or(String::new(), |[visible, _]| visible.to_string());
+        let _ = writeln!(
+            text,
+            "<tr class=\"{class}\"><td>{}</td><td>{}</td><td>{quickest}, {slowest}</td><td>{splats}</td>{}{}</tr>",
+            escaped(&row.method),
+            milliseconds(row.median_ms),
+            errors(row.errors[0]),
+            errors(row.errors[1])
+        );
+    }
+    Ok(text + "</table></details>\n")
+}
+
+fn errors(errors: Option<Errors>) -> String {
+    match errors {
+        None => "<td></td><td></td><td></td><td></td>".into(),
+        Some(errors) => {
+            let psnr = errors.psnr_db.map_or("∞".into(), |db| format!("{db:.1} dB"));
+            let [p999, max] = [errors.p999, errors.max].map(small);
+            format!("<td>{psnr}</td><td>{p999}</td><td>{max}</td><td>{:.5}</td>", errors.ssim)
+        }
+    }
+}
+
+fn summary_of_cases(all: &[Found]) -> String {
+    let mut text = String::from(
+        "<h2>Where methods fail</h2>\n<p>Fifteen cases in which drawing by splats breaks. In each the default is held to a bound; others are run beside \
+         it.</p>\n<table><tr><th>case</th><th>default</th><th>exceptions</th><th>baselines that fail</th></tr>\n",
+    );
+    for (case, findings) in all {
+        let ours = |fails: bool| {
+            findings
+                .verdicts
+                .iter()
+                .filter(move |verdict| !verdict.role.is_of_others() && verdict.passes() != fails)
+                .count()
+        };
+        let of_others = findings.verdicts.iter().filter(|verdict| verdict.role.is_of_others());
+        let failing = of_others.clone().filter(|verdict| !verdict.passes()).count();
+        let (passing, exceptions) = (ours(false), ours(true));
+        let class = if exceptions == 0 { "passes" } else { "fails" };
+        let _ = writeln!(
+            text,
+            "<tr><td><a href=\"#case-{0}\">{0}. {1}</a></td><td>{passing} figures pass</td><td class=\"{class}\">{exceptions}</td><td>{failing} of {2}</td></tr>",
+            case.number,
+            escaped(case.title),
+            of_others.count(),
+        );
+    }
+    text + "</table>\n"
+}
+
+fn failures(case: &Case, findings: &Findings, files: &mut Vec<File>) -> Result<String, PlotError> {
+    let mut text = format!(
+        "<h3 id=\"case-{0}\">{0}. {1}</h3>\n<p>{2}</p>\n",
+        case.number,
+        escaped(case.title),
+        escaped(case.criterion)
+    );
+    for (place, curves) in findings.panels.iter().enumerate() {
+        let name = format!("case-{:02}-{}", case.number, place + 1);
+        text += &kept(files, &name, panel(curves)?);
+    }
+    text += "<table><tr><th>method</th><th>figure</th><th>found</th><th>bound</th><th></th></tr>\n";
+    for verdict in &findings.verdicts {
+        let bound = match verdict.bound {
+            Bound::AtMost(bound) => format!("≤ {}", small(bound)),
+            Bound::AtLeast(bound) => format!("≥ {}", small(bound)),
+        };
+        let says = if verdict.passes() { "passes" } else { "fails" };
+        let _ = writeln!(
+            text,
+            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{bound}</td><td class=\"{says}\">{says}</td></tr>",
+            escaped(&verdict.method),
+            escaped(&verdict.figure),
+            small(verdict.found)
+        );
+    }
+    Ok(text + "</table>\n")
+}
+
+/// Letters and digits of a name.
+fn file_name(name: &str) -> String {
+    name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect()
+}
+
+fn milliseconds(ms: f64) -> String {
+    if ms < 100.0 { format!("{ms:.1}") } else { format!("{ms:.0}") }
+}
+
+/// Three figures.
+fn small(value: f64) -> String {
+    match value.abs() {
+        0.0 => "0".into(),
+        size if size < 1e-3 => format!("{value:.1e}"),
+        size if size < 1.0 => format!("{value:.4}"),
+        size if size < 100.0 => format!("{value:.2}"),
+        _ => format!("{value:.0}"),
+    }
+}
+
+/// A picture as a PNG file.
+fn png(picture: &Picture) -> Vec<u8> {
+    let bytes: Vec<u8> =
+        picture.values.as_flattened().iter().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect();
+    let mut file = Vec::new();
+    let [width, height] = picture.size.map(|side| side as u32);
+    let mut encoder = png::Encoder::new(&mut file, width, height);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    // Memory takes what is written; a picture is never empty.
+    let written = encoder.write_header().and_then(|mut writer| writer.write_image_data(&bytes));
+    debug_assert!(written.is_ok(), "{written:?}");
+    file
+}
