@@ -3,12 +3,15 @@
 use crate::description::{PictureOptions, Reference, Show};
 use crate::notation::Rgba;
 use crate::progress::Console;
-use crate::stats::{FrameTimes, StageClock};
+use crate::stats::{FrameTimes, StageClock, timed};
 use anyhow::{Result, ensure};
+use oblate::chart::methods::way;
 use oblate::engine::reference::{ReferenceKind, reference};
-use oblate::engine::{Blend, Camera, Channels, FootprintForm, Frame, RenderSettings, Renderer, Scene};
+use oblate::engine::{
+    Blend, Camera, Channels, FootprintForm, Frame, RenderSettings, Renderer, Scene, settle,
+};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Pixels along a side where nothing is said.
 const SIDE: u32 = 1024;
@@ -64,6 +67,22 @@ impl Drawing {
     /// How often the picture is drawn.
     pub(crate) fn pictures(&self) -> usize {
         1 + self.measured.unwrap_or(0)
+    }
+
+    /// Settles what is left to the engine; says how and how long that took. A reference has nothing to settle.
+    pub(crate) fn settle(
+        &mut self,
+        scene: &Scene,
+        camera: &Camera,
+        console: Console,
+    ) -> Result<Option<(String, Duration)>> {
+        if self.reference.is_some() {
+            return Ok(None);
+        }
+        let _task = console.task("trying ways to draw");
+        let (settings, time) = timed(|| Ok(settle(scene, camera, &self.settings)?))?;
+        self.settings = settings;
+        Ok(Some((way(&settings), time)))
     }
 
     /// Draws a frame, as often as it is asked for; gives the last, and the times of those that are measured.

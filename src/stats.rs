@@ -106,6 +106,10 @@ pub(crate) struct Stats {
     pub(crate) load_ms: f64,
     #[serde(serialize_with = "rounded")]
     pub(crate) build_ms: f64,
+    /// The order of kernels and the form of footprints that were used; null when a reference drew it.
+    pub(crate) way: Option<String>,
+    /// Trying ways to draw, before the first picture; null when a reference drew it.
+    pub(crate) settle_ms: Option<f64>,
     /// Largest resident size of the process; null where the system doesn't tell.
     pub(crate) peak_mib: Option<f64>,
 }

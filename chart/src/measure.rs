@@ -1,13 +1,13 @@
 //! Pictures, times and errors of the ways in which a subject can be drawn.
 
 use crate::front::front;
-use crate::methods::{Family, Method, methods};
+use crate::methods::{Family, Method, methods, way};
 use crate::scenes::{Known, Peer, Scale, Subject};
 use glam::{DVec2, UVec2};
 use oblate_engine::color::{linear_to_srgb, srgb_to_linear};
 use oblate_engine::{
     Blend, Camera, CameraError, Channels, Counts, Frame, MetricsError, Observer, Pixels, ReferenceKind,
-    RenderSettings, Renderer, Scene, SceneError, Stage, compare, reference,
+    RenderSettings, Renderer, Scene, SceneError, Stage, compare, reference, settle,
 };
 use serde::Serialize;
 use std::sync::{Mutex, PoisonError};
@@ -88,6 +88,8 @@ pub struct Row {
     pub median_ms: f64,
     /// The quickest and the slowest.
     pub spread_ms: [f64; 2],
+    /// What was left to the engine, as it settled it, and how many milliseconds that took.
+    pub settled: Option<(String, f64)>,
     /// Splats that were projected, and those of them that stand for several; not of others.
     pub visible: Option<[u64; 2]>,
     /// Errors to each reference.
@@ -140,10 +142,7 @@ impl Window {
 
     /// A camera that sees just this part.
     fn camera(&self, camera: &Camera) -> Result<Camera, CameraError> {
-        let mut intrinsics = camera.intrinsics();
-        intrinsics.center -= self.low.as_dvec2();
-        let part = Camera::from_intrinsics(camera.pose(), intrinsics, camera.projection(), self.size.into())?;
-        part.with_near(camera.near())
+        camera.part(self.low.as_ivec2().into(), self.size.into())
     }
 
     fn cut<T: Copy>(&self, whole: &[T], width: usize) -> Vec<T> {
@@ -229,6 +228,7 @@ fn shown_values(peer: &Peer, blend: Blend) -> Vec<[f32; 4]> {
 struct Contender<'a> {
     method: Method,
     other: Option<&'a (dyn Fn() -> Frame + Send + Sync)>,
+    settled: Option<(String, f64)>,
     times: Vec<f64>,
     counts: Counts,
     values: Vec<[f32; 4]>,
@@ -275,6 +275,7 @@ pub fn measure(subject: &Subject, plan: &Plan, watch: &dyn Watch) -> Result<Meas
         let (method, family) = (peer.name.clone(), Family::Peer);
         let is_best = [false; 2];
         rows.push(Row {
+            settled: None,
             method,
             family,
             median_ms,
@@ -316,6 +317,7 @@ fn row(contender: &Contender<'_>, errors: [Option<Errors>; 2]) -> Row {
         family: contender.method.family,
         median_ms: times[times.len() / 2],
         spread_ms: [times[0], times[times.len() - 1]],
+        settled: contender.settled.clone(),
         visible: contender.other.is_none().then_some([counts.visible, counts.merged]),
         errors,
         is_best: [false; 2],
@@ -332,6 +334,7 @@ fn race<'a>(
     let contender = |method, other| Contender {
         method,
         other,
+        settled: None,
         times: Vec::new(),
         counts: Counts::default(),
         values: Vec::new(),
@@ -342,6 +345,18 @@ fn race<'a>(
     });
     let mut contenders: Vec<Contender<'a>> =
         ways.into_iter().map(|way| contender(way, None)).chain(others).collect();
+    for contender in contenders.iter_mut().filter(|contender| contender.other.is_none()) {
+        let begun = watch.now();
+        let settings = match settle(&subject.scene, &subject.camera, &contender.method.settings) {
+            // Sheets need a grid: the race leaves them out.
+            Err(SceneError::NoGrid) => continue,
+            settled => settled?,
+        };
+        if settings != contender.method.settings {
+            contender.settled = Some((way(&settings), (watch.now() - begun).as_secs_f64() * 1e3));
+            contender.method.settings = settings;
+        }
+    }
     let mut renderer = Renderer::new();
     let work = format!("{}: {} ways of drawing", subject.name, contenders.len());
     let rounds = plan.frames + 1;

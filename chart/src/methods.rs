@@ -60,8 +60,26 @@ pub struct Method {
     pub name: String,
     /// What is turned.
     pub family: Family,
-    /// How the engine draws.
+    /// How the engine draws, before what it leaves open is settled.
     pub settings: RenderSettings,
+}
+
+/// How kernels are ordered and footprints are made, in words.
+pub fn way(settings: &RenderSettings) -> String {
+    let order = match settings.order {
+        Order::Auto => "layers".into(),
+        Order::Centers => "centers".into(),
+        Order::PerPixel => "per pixel".into(),
+        Order::Slabs { thickness } => format!("slabs {thickness}σ"),
+        Order::AxisSheets { .. } => "axis sheets".into(),
+    };
+    let form = match settings.footprint {
+        FootprintForm::Auto => "each its form",
+        FootprintForm::Point => "points",
+        FootprintForm::Affine => "affine",
+        FootprintForm::Exact => "exact",
+    };
+    format!("{order}, {form}")
 }
 
 /// Tolerances in levels of 255.
@@ -93,18 +111,16 @@ pub fn methods(scene: &Scene, settings: &RenderSettings) -> Vec<Method> {
         add(Family::Tolerance, name, RenderSettings { tolerance: levels * LEVEL, ..*settings });
     }
     let fixed = RenderSettings { level_of_detail: false, ..*settings };
-    let orders: Vec<(String, Order)> = if has_kernels {
-        let slabs = |thickness| (format!("slabs {thickness}σ"), Order::Slabs { thickness });
-        let sorted = [("centers".into(), Order::Centers), ("per pixel".into(), Order::PerPixel)];
-        sorted.into_iter().chain(THICKNESSES.map(slabs)).collect()
+    let orders: Vec<Order> = if has_kernels {
+        let slabs = |thickness| Order::Slabs { thickness };
+        [Order::Centers, Order::PerPixel].into_iter().chain(THICKNESSES.map(slabs)).collect()
     } else {
-        vec![("layers".into(), settings.order)]
+        vec![settings.order]
     };
-    let forms = [("affine", FootprintForm::Affine), ("exact", FootprintForm::Exact)];
-    for (order_name, order) in &orders {
-        for (form_name, footprint) in forms {
-            let name = format!("{order_name}, {form_name}");
-            add(Family::Fixed, name, RenderSettings { order: *order, footprint, ..fixed });
+    for order in orders {
+        for footprint in [FootprintForm::Affine, FootprintForm::Exact] {
+            let settings = RenderSettings { order, footprint, ..fixed };
+            add(Family::Fixed, way(&settings), settings);
         }
     }
     add(Family::Fixed, "points".into(), RenderSettings { footprint: FootprintForm::Point, ..fixed });

@@ -187,6 +187,17 @@ impl Camera {
         Ok(self)
     }
 
+    /// A camera that sees a part of the picture: `size` pixels from `corner` on, which may lie outside.
+    ///
+    /// # Errors
+    /// When a side is 0 or above 65,535.
+    pub fn part(&self, corner: [i32; 2], size: [u32; 2]) -> Result<Self, CameraError> {
+        let center = self.intrinsics.center - DVec2::from(corner.map(f64::from));
+        let intrinsics = Intrinsics { center, ..self.intrinsics };
+        let part = Self::from_intrinsics(self.pose, intrinsics, self.projection, size)?;
+        Ok(Self { near: self.near, ..part })
+    }
+
     /// Where it stands.
     pub fn pose(&self) -> Pose {
         self.pose

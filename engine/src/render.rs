@@ -252,7 +252,7 @@ impl Renderer {
                     lens,
                     near,
                     cutoff,
-                    least_alpha: settings.tolerance as f32,
+                    least_alpha: settings.least_opacity() as f32,
                     closing,
                     is_taylor: settings.baseline == Some(Baseline::Taylor),
                 },

@@ -144,6 +144,13 @@ pub struct RenderSettings {
     pub channels: Channels,
 }
 
+impl RenderSettings {
+    /// Opacities below this are left out: several kernels end in a pixel, and what they lack together is to stay within the tolerance.
+    pub(crate) fn least_opacity(&self) -> f64 {
+        self.tolerance / 8.0
+    }
+}
+
 impl Default for RenderSettings {
     fn default() -> Self {
         Self {

@@ -87,6 +87,7 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     let Assembled { scene, camera, view, .. } = assembled;
     console.say(format_args!("camera: {view}"));
 
+    let settled = drawing.settle(&scene, &camera, console)?;
     let (frame, times) = drawing.draw(&scene, &camera, console)?;
     output.finish(|file| format.write(&frame, file))?;
     let [width, height] = drawing.size;
@@ -97,6 +98,8 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
         let mut stats = summary(&scene, &times, drawing.reference.is_some());
         stats.load_ms = milliseconds(load_time);
         stats.build_ms = milliseconds(build_time);
+        stats.way = settled.as_ref().map(|(way, _)| way.clone());
+        stats.settle_ms = settled.map(|(_, time)| round_micro(milliseconds(time)));
         place.finish(&stats)?;
     }
     Ok(())
@@ -123,6 +126,8 @@ fn summary(scene: &Scene, times: &[FrameTimes], by_reference: bool) -> Stats {
         stages_ms: stages.iter().map(|s| (s.name(), of(|t, i| t.stages_ms[i], *s as usize))).collect(),
         load_ms: 0.0,
         build_ms: 0.0,
+        way: None,
+        settle_ms: None,
         peak_mib: peak_mib(),
     }
 }

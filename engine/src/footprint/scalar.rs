@@ -299,8 +299,8 @@ fn filtered_floor(floor: f64, attenuation: f64) -> f64 {
     even - (even - floor) * attenuation.sqrt()
 }
 
-/// Where a kernel of a given peak opacity ends: at the cut-off, or where it falls below the tolerance; below 0 if it
+/// Where a kernel of a given peak opacity ends: at the cut-off, or where it falls below the least opacity; below 0 if it
 /// never reaches that. Trained scenes are trained with such a cut, at 1/255.
 fn opacity_cutoff(peak: f64, settings: &RenderSettings) -> f64 {
-    settings.cutoff.min(2.0 * (peak / settings.tolerance).ln())
+    settings.cutoff.min(2.0 * (peak / settings.least_opacity()).ln())
 }

@@ -258,8 +258,8 @@ impl<'a> Specification<'a> {
             let w = f64::from(record.amplitude) * (-0.5 * r).exp();
             let (tau, is_doubtful) = match record.tag.kind {
                 Kind::Opacity => {
-                    // Where it falls below the tolerance it ends.
-                    let off = w / self.settings.tolerance - 1.0;
+                    // Where it falls below the least opacity it ends.
+                    let off = w / self.settings.least_opacity() - 1.0;
                     let is_borderline = off.abs() <= 4e-4 + doubt;
                     if off < 0.0 && !is_borderline {
                         continue;

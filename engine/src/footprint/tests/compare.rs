@@ -94,7 +94,7 @@ pub(super) fn compare(
             && normal.dot(ray).abs()
                 <= EPSILON * 2.0 * ray.length() * extent / splat.center.z.abs().min(*extent);
         let is_faint = setup.kind == 1
-            && f64::from(only.record.amplitude) <= settings.tolerance + bounds.attenuation + EPSILON;
+            && f64::from(only.record.amplitude) <= settings.least_opacity() + bounds.attenuation + EPSILON;
         let is_next_to_nothing = f64::from(only.record.amplitude).abs() < 1e-30;
         if is_slim || ends_at_near || is_edge_on || is_faint || is_next_to_nothing {
             return Ok(());
@@ -217,7 +217,8 @@ fn compare_rects(
 ) -> Result<(), String> {
     let mut cutoff = setup.settings.cutoff;
     if setup.kind == 1 {
-        cutoff = cutoff.min(2.0 * (f64::from(b.record.amplitude) / setup.settings.tolerance).ln()).max(0.0);
+        cutoff =
+            cutoff.min(2.0 * (f64::from(b.record.amplitude) / setup.settings.least_opacity()).ln()).max(0.0);
     }
     let exact = b.record.tag.form == Form::Exact;
     let [_, half] = footprint.bounds(cutoff, exact);

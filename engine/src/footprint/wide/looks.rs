@@ -122,9 +122,9 @@ impl WideProjector<'_> {
                     OpacityFilter::Compensated => strength * footprints.attenuation,
                 };
                 let amplitude = peak.min(splat(simd, 1.0 - 1e-6));
-                let is_seen = amplitude.simd_gt(splat(simd, self.tolerance.max(1e-30)));
+                let is_seen = amplitude.simd_gt(splat(simd, self.least_opacity));
                 const TWO_LN2: f32 = 2.0 * std::f32::consts::LN_2;
-                let over = amplitude * (1.0 / self.tolerance.max(1e-30));
+                let over = amplitude * (1.0 / self.least_opacity);
                 let own = log2(simd, over.max(splat(simd, 1.0))) * TWO_LN2;
                 Looks { amplitude, slope: [zero; 2], color, normal, cutoff: own.min(cutoff), is_seen }
             }

@@ -36,6 +36,7 @@ pub(super) struct WideProjector<'a> {
     low_pass: f32,
     near: f32,
     tolerance: f32,
+    least_opacity: f32,
 }
 
 /// The rows of a matrix, each number for every lane: instructions read eight numbers, or one for each of eight lanes
@@ -84,6 +85,7 @@ impl<'a> WideProjector<'a> {
             low_pass: lens.low_pass.powi(2) as f32,
             near: scalar.view.camera.near() as f32,
             tolerance: settings.tolerance as f32,
+            least_opacity: settings.least_opacity().max(1e-30) as f32,
         }
     }
 
