@@ -25,7 +25,7 @@ const PEAK: f64 = 0.95;
 const METHODS: [(&str, Role); 5] = [
     ("default", Role::Default),
     ("exact", Role::Ours),
-    ("tolerance 1/2550", Role::Ours),
+    ("tolerance 1/2550, cut-off 18", Role::Ours),
     ("3DGS: slopes cut off at 1.3", Role::Baseline),
     ("affine (EWA)", Role::Baseline),
 ];
@@ -78,7 +78,7 @@ fn pan(factor: DMat3) -> Pan {
         let [clamped, affine] = others;
         let drawn = |settings| alphas(&draw(&scene, &camera, &settings));
         let exact = nothing_but(Order::Centers);
-        let finer = RenderSettings { tolerance: LEVEL / 10.0, ..unshaded() };
+        let finer = RenderSettings { tolerance: LEVEL / 10.0, cutoff: 18.0, ..unshaded() };
         let truth = alphas(&truth(&scene, &camera, &exact, ReferenceKind::R1));
         let pictures = [drawn(unshaded()), drawn(exact), drawn(finer), clamped, affine, truth];
         let (amount, true_direction) = direction(&pictures[5]);
