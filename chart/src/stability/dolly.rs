@@ -137,7 +137,7 @@ fn run() -> Findings {
             let step = largest(way.steps.iter().copied()) / truth_step;
             let error = largest(way.errors.iter().copied());
             let verdicts = [
-                at_most(*role, &method, "largest change a frame, of the truth's", step, 2.0),
+                at_most(*role, &method, "largest change in a frame over the truth's", step, 2.0),
                 at_most(*role, &method, "largest error of opacity", error, LEVEL),
                 at_most(*role, &method, "flash: mean opacity off by", flash, LEVEL),
             ];

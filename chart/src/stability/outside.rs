@@ -153,7 +153,7 @@ fn run() -> Findings {
         [
             at_most(role, method, "largest error of opacity", error, error_bound),
             at_most(role, method, "direction of needles, degrees off", turned, 1.0),
-            at_most(role, method, "largest change a frame, of the truth's", jump, 2.0),
+            at_most(role, method, "largest change in a frame over the truth's", jump, 2.0),
         ]
     };
     // A trained kernel ends where it falls below the tolerance, so that a pixel may change by 1/255 at once: in that the default fails.

@@ -204,8 +204,8 @@ fn run() -> Findings {
             .collect(),
     };
     let psnr = Axis::linear("PSNR beside 256 samples a pixel, dB");
-    panels.push(panel("A textured plane", psnr, None, 0));
-    panels.push(panel("A textured plane", Axis::log("brightness off by, share"), Some(0.01), 1));
+    panels.push(panel("A textured plane: likeness", psnr, None, 0));
+    panels.push(panel("A textured plane: brightness", Axis::log("brightness off by, share"), Some(0.01), 1));
 
     let mut verdicts = Vec::new();
     let baseline = |role| role == Role::Baseline;
