@@ -85,8 +85,9 @@ const NARROWEST_NORMAL: f32 = 0.25;
 /// [`share_of_normal`] ends at this many of its σ.
 const NORMAL_REACH: f32 = 3.0406;
 
-/// A normal distribution's slabs are those within as many of its σ; the first and the last get what is beyond.
-const SLAB_REACH: f32 = 2.4;
+/// A normal distribution's slabs are those within as many of its σ; the first and the last get what is beyond. In slabs of σ two kernels
+/// with an optical depth of 4 are off by 0.010 with 2.4, by 0.004 with 2.7 and by 0.001 with [`NORMAL_REACH`].
+const SLAB_REACH: f32 = 2.8;
 
 /// The width of a box with σ = 1.
 pub(crate) const BOX: f32 = 3.464_101_6;

@@ -1,10 +1,14 @@
 //! Cameras and clouds that several cases draw.
 
-use glam::{DVec3, Mat3, Vec3};
+use super::{Bound, Verdict};
+use crate::curves::Role;
+use glam::{DAffine3, DVec2, DVec3, Mat3, Vec3};
 use oblate_engine::cloud::oblate_factor;
+use oblate_engine::footprint::{CameraSplat, Lens};
 use oblate_engine::{
-    Camera, Cloud, Frame, Material, Metrics, Pixels, Pose, ReferenceKind, RenderSettings, Scene, Shapes,
-    Splats, Strength, Surface, compare, reference, render,
+    Camera, Cloud, FootprintForm, Frame, Intrinsics, Material, Metrics, OpacityFilter, Order, Pixels, Pose,
+    Projection, ReferenceKind, RenderSettings, Scene, Shapes, Splats, Strength, Surface, compare, reference,
+    render,
 };
 
 /// A level of 8 bits.
@@ -96,4 +100,105 @@ pub(super) fn plane(side: usize, spacing: f32, color: [f32; 3]) -> Cloud {
     let place = |i: usize| Vec3::new((i % side) as f32 - middle, (i / side) as f32 - middle, 0.0) * spacing;
     let points: Vec<_> = (0..side * side).map(|i| (place(i), Vec3::NEG_Z)).collect();
     surfels(&points, spacing * spacing, color)
+}
+
+/// The least that is drawn on a logarithmic axis.
+pub(super) const FLOOR: f64 = 1e-9;
+
+/// A number that passes up to `bound`.
+pub(super) fn at_most(role: Role, method: &str, figure: &str, found: f64, bound: f64) -> Verdict {
+    let (method, figure) = (method.into(), figure.into());
+    Verdict { method, role, figure, found, bound: Bound::AtMost(bound), fails: false }
+}
+
+/// A number that passes from `bound` on.
+pub(super) fn at_least(role: Role, method: &str, figure: &str, found: f64, bound: f64) -> Verdict {
+    Verdict { bound: Bound::AtLeast(bound), ..at_most(role, method, figure, found, bound) }
+}
+
+/// One that is known not to pass.
+pub(super) fn failing(verdict: Verdict) -> Verdict {
+    Verdict { fails: true, ..verdict }
+}
+
+/// So many numbers from the first to the last in equal steps.
+pub(super) fn steps(count: usize, [first, last]: [f64; 2]) -> impl Iterator<Item = f64> + Clone {
+    (0..count).map(move |i| first + (last - first) * i as f64 / (count - 1) as f64)
+}
+
+/// So many numbers from the first to the last in equal ratios.
+pub(super) fn ratios(count: usize, [first, last]: [f64; 2]) -> impl Iterator<Item = f64> + Clone {
+    steps(count, [first.ln(), last.ln()]).map(f64::exp)
+}
+
+/// Colours as they are, in this order.
+pub(super) fn ordered(order: Order) -> RenderSettings {
+    RenderSettings { order, ..unshaded() }
+}
+
+/// Exact footprints, cut off where nothing is left of kernels, nothing left out behind: what remains of the error is the order's.
+pub(super) fn nothing_but(order: Order) -> RenderSettings {
+    RenderSettings { footprint: FootprintForm::Exact, cutoff: 40.0, tolerance: 0.0, ..ordered(order) }
+}
+
+/// A camera at the origin of the world that looks along z, y down; its axis meets the picture at `center`, in pixels.
+pub(super) fn ahead(focal: f64, center: DVec2, size: u32) -> Camera {
+    let pose = Pose { world_to_camera: DAffine3::IDENTITY };
+    let intrinsics = Intrinsics { focal: DVec2::splat(focal), center };
+    Camera::from_intrinsics(pose, intrinsics, Projection::Perspective, [size; 2])
+        .expect("focals are in range")
+}
+
+/// One kernel of a peak opacity.
+pub(super) fn kernel(center: DVec3, factor: Mat3, peak: f32, filter: OpacityFilter) -> Cloud {
+    let strength = Strength::Opacity { peaks: vec![peak], filter };
+    splats(vec![center.as_vec3()], Shapes::Shared(factor), strength, vec![[1.0; 3]])
+}
+
+/// The mass of a kernel whose optical depth is `depth` along a ray through its middle and its third column, across the others.
+pub(super) fn mass_of(depth: f32, factor: Mat3) -> f32 {
+    depth * std::f32::consts::TAU * factor.x_axis.length() * factor.y_axis.length()
+}
+
+/// The pixels' opacities.
+pub(super) fn alphas(frame: &Frame) -> Vec<f64> {
+    frame.color.iter().map(|pixel| f64::from(pixel[3])).collect()
+}
+
+/// The largest difference of two rows of numbers.
+pub(super) fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+/// The largest of some numbers.
+pub(super) fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
+    values.into_iter().fold(f64::NEG_INFINITY, f64::max)
+}
+
+/// The centres of the pixels of a square picture, row by row.
+pub(super) fn pixel_centers(side: u32) -> impl Iterator<Item = DVec2> {
+    (0..side * side).map(move |i| DVec2::new(f64::from(i % side), f64::from(i / side)) + 0.5)
+}
+
+/// How far in front of the camera programs for trained splats drop a splat by its centre, in world units.
+pub(super) const DROPPED_BEFORE: f64 = 0.2;
+
+/// Opacities of a kernel of peak opacity 1 as programs for trained splats draw it: the affine form with slopes x/z, y/z of its derivative
+/// cut off at `steepest`, 0.3 px² added, nothing where the centre is nearer than [`DROPPED_BEFORE`].
+/// Kerbl, Kopanas, Leimkühler, Drettakis, *3D Gaussian Splatting for Real-Time Radiance Field Rendering*, 2023: 1.3 of the picture's half.
+pub(super) fn linearized(splat: &CameraSplat, lens: &Lens, steepest: f64, side: u32) -> Vec<f64> {
+    let d = splat.center;
+    if d.z < DROPPED_BEFORE {
+        return vec![0.0; (side * side) as usize];
+    }
+    let slope = (d.truncate() / d.z).clamp(DVec2::splat(-steepest), DVec2::splat(steepest));
+    let rows = [DVec3::new(1.0, 0.0, -slope.x), DVec3::new(0.0, 1.0, -slope.y)];
+    let [x, y] = [0, 1].map(|k| splat.factor.transpose() * (rows[k] * (lens.focal[k] / d.z)));
+    let (xx, xy, yy) = (x.length_squared() + 0.3, x.dot(y), y.length_squared() + 0.3);
+    let mean = d.truncate() / d.z * lens.focal + lens.principal;
+    let alpha = |pixel: DVec2| {
+        let u = pixel - mean;
+        (-0.5 * (yy * u.x * u.x - 2.0 * xy * u.x * u.y + xx * u.y * u.y) / (xx * yy - xy * xy)).exp()
+    };
+    pixel_centers(side).map(alpha).collect()
 }

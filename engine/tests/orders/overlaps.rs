@@ -67,6 +67,33 @@ fn interpenetrating_kernels_are_the_integral_in_thin_slabs() {
 }
 
 #[test]
+fn thin_slabs_are_the_integral_wherever_they_lie() {
+    // What lies beyond the slabs that a kernel touches is in the first and the last of them: it shows in dense kernels.
+    let camera = parallel(5);
+    let pair = |z: f32, apart: f32, depth: f32| {
+        let mass = mass_of(depth, Mat3::IDENTITY);
+        let cloud = scenes::kernels(vec![Vec3::Z * z, Vec3::Z * (z + apart)], Mat3::IDENTITY, mass, [0.0; 3]);
+        vec![painted(&cloud, |p| if p.z == z { [1.0; 3] } else { [0.0; 3] })]
+    };
+    for thickness in [1.0, 0.5] {
+        let settings = nothing_but(Order::Slabs { thickness });
+        let mut worst = 0.0_f64;
+        for apart_by in [0.25, 0.5, 1.0, 2.0, 3.0] {
+            for depth in [0.3, 1.0, 4.0] {
+                let r1 = truth(&pair(0.0, apart_by, depth), &camera, &settings);
+                for place in 0..8 {
+                    let z = thickness as f32 * place as f32 / 8.0;
+                    let found = apart(&draw(pair(z, apart_by, depth), &camera, &settings), &r1);
+                    worst = worst.max(found.max_error);
+                }
+            }
+        }
+        println!("slabs of {thickness}: {worst:.5}");
+        assert!(worst <= LEVEL, "slabs of {thickness}: {worst}");
+    }
+}
+
+#[test]
 fn the_order_of_input_changes_nothing() {
     let camera = scenes::looking_from(DVec3::new(1.0, 2.0, -20.0), 24);
     let slabs = [2.0, 0.4].map(|thickness| Order::Slabs { thickness });
