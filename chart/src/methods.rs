@@ -123,7 +123,9 @@ pub fn methods(scene: &Scene, settings: &RenderSettings) -> Vec<Method> {
             add(Family::Fixed, way(&settings), settings);
         }
     }
-    add(Family::Fixed, "points".into(), RenderSettings { footprint: FootprintForm::Point, ..fixed });
+    let order = if has_kernels { Order::Slabs { thickness: Order::THICKNESS } } else { settings.order };
+    let points = RenderSettings { footprint: FootprintForm::Point, order, ..fixed };
+    add(Family::Fixed, way(&points), points);
     // Where samples of surfaces end is part of what they are.
     let has_surfaces = scene.clouds.iter().any(|cloud| cloud.is_surface());
     for cutoff in CUTOFFS.into_iter().filter(|_| !has_surfaces) {
