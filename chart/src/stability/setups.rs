@@ -1,10 +1,13 @@
 //! Cameras and clouds that several cases draw.
 
-use glam::{DVec3, Mat3, Vec3};
+use super::{Bound, Verdict};
+use crate::curves::Role;
+use glam::{DAffine3, DVec2, DVec3, Mat3, Vec3};
 use oblate_engine::cloud::oblate_factor;
 use oblate_engine::{
-    Camera, Cloud, Frame, Material, Metrics, Pixels, Pose, ReferenceKind, RenderSettings, Scene, Shapes,
-    Splats, Strength, Surface, compare, reference, render,
+    Camera, Cloud, FootprintForm, Frame, Intrinsics, Material, Metrics, OpacityFilter, Order, Pixels, Pose,
+    Projection, ReferenceKind, RenderSettings, Scene, Shapes, Splats, Strength, Surface, compare, reference,
+    render,
 };
 
 /// A level of 8 bits.
@@ -68,6 +71,57 @@ pub(super) fn fog(dims: [usize; 3], spacing: DVec3, extinction: f64, color: [f32
     kernels(places.map(center).collect(), Mat3::from_diagonal(spacing.as_vec3() * 0.7), mass, color)
 }
 
+/// A cloud elsewhere.
+pub(super) fn moved(cloud: Cloud, shift: DVec3) -> Cloud {
+    cloud.transformed(DAffine3::from_translation(shift))
+}
+
+/// Numbers from 0 to 1 that are spread evenly but in no order.
+pub(super) fn spread(index: usize, stride: f64) -> f64 {
+    (index as f64 * stride + 0.5).fract()
+}
+
+/// A direction for each index, from anywhere.
+pub(super) fn direction(index: usize) -> DVec3 {
+    let z = 2.0 * spread(index, 0.754_877_67) - 1.0;
+    (DVec2::from_angle(std::f64::consts::TAU * spread(index, 0.569_840_29)) * (1.0 - z * z).sqrt()).extend(z)
+}
+
+/// A cloud in the colours of its centres.
+pub(super) fn painted(cloud: &Cloud, color: impl Fn(Vec3) -> [f32; 3]) -> Cloud {
+    let mut splats = cloud.splats();
+    splats.colors = splats.centers.iter().map(|center| color(*center)).collect();
+    Cloud::new(splats).expect("colours of cases are finite")
+}
+
+/// A cube of fog whose colours turn along each axis, once through it.
+pub(super) fn haze(side: usize, spacing: f64, extinction: f64) -> Cloud {
+    let turn = std::f32::consts::TAU / (side as f32 * spacing as f32);
+    let shades = |p: Vec3| (p * turn + Vec3::new(0.0, 1.0, 2.0)).to_array().map(|a| 0.5 + 0.4 * a.sin());
+    painted(&fog([side; 3], DVec3::splat(spacing), extinction, [0.0; 3]), shades)
+}
+
+/// Kernels of opacity of many colours in a ball of radius 1, as trained scenes have them.
+pub(super) fn trained(count: usize, radius: f32) -> Cloud {
+    let indices = 0..count;
+    let center = |i| (direction(i) * spread(i, 0.819_173).cbrt()).as_vec3();
+    let factor = |i| oblate_factor(direction(i + 1000).as_vec3(), radius, 1.0 + (i % 4) as f32);
+    let peaks = indices.clone().map(|i| 0.3 + 0.1 * (i % 6) as f32).collect();
+    let color = |i: usize| [(i % 2) as f32, (i % 3) as f32 / 2.0, (i % 5) as f32 / 4.0];
+    let strength = Strength::Opacity { peaks, filter: OpacityFilter::Classic };
+    let shapes = Shapes::Each(indices.clone().map(factor).collect());
+    splats(indices.clone().map(center).collect(), shapes, strength, indices.map(color).collect())
+}
+
+/// A surface that lets a share through.
+pub(super) fn translucent(cloud: &Cloud, opacity: f32) -> Cloud {
+    let mut splats = cloud.splats();
+    if let Strength::Surface(surface) = &mut splats.strength {
+        surface.opacities = Some(vec![opacity; surface.areas.len()]);
+    }
+    Cloud::new(splats).expect("opacities of cases are in range").transformed(cloud.cloud_to_world())
+}
+
 /// One flat surfel of a given area at each point with a normal, σ = 0.8 √area.
 pub(super) fn surfels(points: &[(Vec3, Vec3)], area: f32, color: [f32; 3]) -> Cloud {
     let radius = 0.8 * area.sqrt();
@@ -96,4 +150,77 @@ pub(super) fn plane(side: usize, spacing: f32, color: [f32; 3]) -> Cloud {
     let place = |i: usize| Vec3::new((i % side) as f32 - middle, (i / side) as f32 - middle, 0.0) * spacing;
     let points: Vec<_> = (0..side * side).map(|i| (place(i), Vec3::NEG_Z)).collect();
     surfels(&points, spacing * spacing, color)
+}
+
+/// The least that is drawn on a logarithmic axis.
+pub(super) const FLOOR: f64 = 1e-9;
+
+/// A number that passes up to `bound`.
+pub(super) fn at_most(role: Role, method: &str, figure: &str, found: f64, bound: f64) -> Verdict {
+    let (method, figure) = (method.into(), figure.into());
+    Verdict { method, role, figure, found, bound: Bound::AtMost(bound), fails: false }
+}
+
+/// A number that passes from `bound` on.
+pub(super) fn at_least(role: Role, method: &str, figure: &str, found: f64, bound: f64) -> Verdict {
+    Verdict { bound: Bound::AtLeast(bound), ..at_most(role, method, figure, found, bound) }
+}
+
+/// One that is known not to pass.
+pub(super) fn failing(verdict: Verdict) -> Verdict {
+    Verdict { fails: true, ..verdict }
+}
+
+/// So many numbers from the first to the last in equal steps.
+pub(super) fn steps(count: usize, [first, last]: [f64; 2]) -> impl Iterator<Item = f64> + Clone {
+    (0..count).map(move |i| first + (last - first) * i as f64 / (count - 1) as f64)
+}
+
+/// So many numbers from the first to the last in equal ratios.
+pub(super) fn ratios(count: usize, [first, last]: [f64; 2]) -> impl Iterator<Item = f64> + Clone {
+    steps(count, [first.ln(), last.ln()]).map(f64::exp)
+}
+
+/// Colours as they are, in this order.
+pub(super) fn ordered(order: Order) -> RenderSettings {
+    RenderSettings { order, ..unshaded() }
+}
+
+/// Exact footprints, cut off where nothing is left of kernels, nothing left out behind: what remains of the error is the order's.
+pub(super) fn nothing_but(order: Order) -> RenderSettings {
+    RenderSettings { footprint: FootprintForm::Exact, cutoff: 40.0, tolerance: 0.0, ..ordered(order) }
+}
+
+/// A camera at the origin of the world that looks along z, y down; its axis meets the picture at `center`, in pixels.
+pub(super) fn ahead(focal: f64, center: DVec2, size: u32) -> Camera {
+    let pose = Pose { world_to_camera: DAffine3::IDENTITY };
+    let intrinsics = Intrinsics { focal: DVec2::splat(focal), center };
+    Camera::from_intrinsics(pose, intrinsics, Projection::Perspective, [size; 2])
+        .expect("focals are in range")
+}
+
+/// One kernel of a peak opacity.
+pub(super) fn kernel(center: DVec3, factor: Mat3, peak: f32, filter: OpacityFilter) -> Cloud {
+    let strength = Strength::Opacity { peaks: vec![peak], filter };
+    splats(vec![center.as_vec3()], Shapes::Shared(factor), strength, vec![[1.0; 3]])
+}
+
+/// The mass of a kernel whose optical depth is `depth` along a ray through its middle and its third column, across the others.
+pub(super) fn mass_of(depth: f32, factor: Mat3) -> f32 {
+    depth * std::f32::consts::TAU * factor.x_axis.length() * factor.y_axis.length()
+}
+
+/// The pixels' opacities.
+pub(super) fn alphas(frame: &Frame) -> Vec<f64> {
+    frame.color.iter().map(|pixel| f64::from(pixel[3])).collect()
+}
+
+/// The largest difference of two rows of numbers.
+pub(super) fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+/// The largest of some numbers.
+pub(super) fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
+    values.into_iter().fold(f64::NEG_INFINITY, f64::max)
 }
