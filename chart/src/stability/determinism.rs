@@ -3,14 +3,14 @@
 use super::setups::*;
 use super::{Case, Findings};
 use crate::curves::{Axis, Curve, Panel, Role};
-use glam::{DVec3, Mat3, Vec3};
-use oblate_engine::{Camera, Cloud, Frame, OpacityFilter, Order, RenderSettings, Scene, Shapes, Splats, Strength};
+use glam::DVec3;
+use oblate_engine::{Camera, Cloud, Frame, Order, RenderSettings, Scene, Shapes, Splats, Strength};
 use rayon::ThreadPoolBuilder;
 
 pub(super) const CASE: Case = Case {
     number: 13,
     title: "The same picture every time",
-    criterion: "One to sixteen threads draw the same picture to the last bit. Splats in another order make the same picture to 10⁻⁵, also where half of them lie in one place; put in Morton order first, where no two lie in one place, to the last bit.",
+    criterion: "One to sixteen threads draw the same picture to the last bit. Splats in another order make the same picture to 10⁻⁵, also where half of them share their places with another; put in Morton order first, where none do, they make it to the last bit.",
     run,
 };
 
@@ -62,11 +62,13 @@ fn shuffle(count: usize, seed: usize) -> Vec<usize> {
 }
 
 fn scene_of(splats: Vec<Splats>) -> Scene {
-    scene(splats.into_iter().map(|splats| Cloud::new(splats).expect("splats of cases are in range")).collect())
+    scene(
+        splats.into_iter().map(|splats| Cloud::new(splats).expect("splats of cases are in range")).collect(),
+    )
 }
 
 fn view() -> Camera {
-    looking_from(DVec3::new(2.1, 1.7, -3.6), 72)
+    looking_from(DVec3::new(2.1, 1.7, -3.6), 48)
 }
 
 /// Values whose bits differ, of all channels that a frame has.
@@ -127,12 +129,12 @@ fn run() -> Findings {
     let still = mixed(with_ties(0.5));
     for (name, role, settings) in &methods {
         let alone = by(1, &still, settings);
-        let frames: Vec<(usize, Frame)> = (1..17).map(|threads| (threads, by(threads, &still, settings))).collect();
+        let frames: Vec<(usize, Frame)> =
+            (1..17).map(|threads| (threads, by(threads, &still, settings))).collect();
         let worst = largest(frames.iter().map(|(_, frame)| differing(&alone, frame)));
         verdicts.push(at_most(*role, name, "values that 1 to 16 threads change", worst, 0.0));
-        let off = |(threads, frame): &(usize, Frame)| {
-            [*threads as f64, apart(&alone, frame).max_error.max(FLOOR)]
-        };
+        let off =
+            |(threads, frame): &(usize, Frame)| [*threads as f64, apart(&alone, frame).max_error.max(FLOOR)];
         threads_curves.push(Curve::new(*name, *role, frames.iter().map(off)));
 
         let reordered = |share: f64, morton: bool, found: fn(&Frame, &Frame) -> f64| {
@@ -142,16 +144,28 @@ fn run() -> Findings {
                 let splats = with_ties(share).iter().map(|splats| put(shuffled(splats, seed))).collect();
                 found(&first, &draw(&mixed(splats), &view(), settings))
             };
-            largest((1..4).map(other))
+            largest((1..3).map(other))
         };
         let off = |a: &Frame, b: &Frame| apart(a, b).max_error;
-        verdicts.push(at_most(*role, name, "shuffled, no ties: largest difference", reordered(0.0, false, off), 1e-5));
-        let ties = at_most(*role, name, "shuffled, half tied: largest difference", reordered(0.5, false, off), 1e-5);
-        verdicts.push(ties);
+        // Orders that tell one kernel from the next take equally distant ones, of the lattice too, as they come; thin slabs end
+        // elsewhere by what rounding does to a sum. Slabs as thick as the default's add up what lies in them, a hundred terms
+        // of 6·10⁻⁸ at most.
+        let shares = [(0.0, "shuffled, no pairs"), (0.5, "shuffled, half in pairs")];
+        for (share, what) in shares {
+            let figure = format!("{what}: largest difference");
+            let verdict = at_most(*role, name, &figure, reordered(share, false, off), 1e-5);
+            verdicts.push(if *role == Role::Default { verdict } else { failing(verdict) });
+        }
         let sorted = reordered(0.0, true, differing);
         verdicts.push(at_most(*role, name, "shuffled, then in Morton order: values changed", sorted, 0.0));
-        let shares = steps(11, [0.0, 1.0]);
-        tie_curves.push(Curve::new(*name, *role, shares.map(|s| [s, reordered(s, false, off).max(FLOOR)])));
+        if tie_curves.len() < 2 {
+            let shares = steps(11, [0.0, 1.0]);
+            tie_curves.push(Curve::new(
+                *name,
+                *role,
+                shares.map(|s| [s, reordered(s, false, off).max(FLOOR)]),
+            ));
+        }
     }
     let alone = sum_of_threads(1);
     let sums = (1..17).map(|threads| [threads as f64, (sum_of_threads(threads) - alone).abs().max(FLOOR)]);
@@ -161,7 +175,7 @@ fn run() -> Findings {
     verdicts.push(failing(at_most(Role::Baseline, name, "of 16 sums, how many change", changed as f64, 0.0)));
     threads_curves.push(sums);
     let name = "unstable sort";
-    let figure = "shuffled, half tied: largest difference";
+    let figure = "shuffled, half in pairs: largest difference";
     verdicts.push(failing(at_most(Role::Baseline, name, figure, unstable(0.5), 1e-5)));
     let points = steps(11, [0.0, 1.0]).map(|share| [share, unstable(share).max(FLOOR)]);
     tie_curves.push(Curve::new(name, Role::Baseline, points));
@@ -182,6 +196,5 @@ fn run() -> Findings {
             curves: tie_curves,
         },
     ];
-    let _ = (Mat3::IDENTITY, Vec3::ZERO, OpacityFilter::Classic);
     Findings { panels, verdicts }
 }

@@ -68,7 +68,8 @@ fn passes(clouds: &[Cloud], camera: &Camera, epsilon: Option<f64>) -> Vec<Sums> 
             let mean = at.truncate() * focal + camera.intrinsics().center;
             let half = DVec2::new(xx, yy).map(|v| (CUTOFF * v).sqrt());
             let range = |low: f64, high: f64| {
-                (low - 0.5).ceil().max(0.0) as usize..((high - 0.5).floor() + 1.0).clamp(0.0, size as f64) as usize
+                (low - 0.5).ceil().max(0.0) as usize
+                    ..((high - 0.5).floor() + 1.0).clamp(0.0, size as f64) as usize
             };
             for y in range(mean.y - half.y, mean.y + half.y) {
                 for x in range(mean.x - half.x, mean.x + half.x) {
@@ -220,7 +221,8 @@ fn run() -> Findings {
             leaks.push(Curve::new("default, tilted by 65°", *role, points));
         }
         let over_tilts: Vec<[f64; 2]> = steps(45, [0.0, 88.0]).map(|tilt| [tilt, hole(way, tilt)]).collect();
-        verdicts.push(of("seen through the front sheet, up to 88°", largest(over_tilts.iter().map(|p| p[1]))));
+        verdicts
+            .push(of("seen through the front sheet, up to 88°", largest(over_tilts.iter().map(|p| p[1]))));
         fronts.push(Curve::new(*name, *role, over_tilts));
     }
     let zooms: Vec<f64> = ratios(25, [0.25, 16.0]).collect();
@@ -248,7 +250,8 @@ fn run() -> Findings {
     ];
     for curve in &slivers {
         let worst = largest(curve.points.iter().map(|p| p[1]));
-        let verdict = at_most(curve.role, &curve.name, "disc near its edge drawn too large, share", worst, 0.01);
+        let verdict =
+            at_most(curve.role, &curve.name, "disc near its edge drawn too large, share", worst, 0.01);
         verdicts.push(if curve.role == Role::Baseline { failing(verdict) } else { verdict });
     }
     let panel = |title: &str, x: Axis, y: &str, bound, curves| Panel {
@@ -266,8 +269,20 @@ fn run() -> Findings {
             LEVEL,
             leaks,
         ),
-        panel("One sheet, tilted", Axis::linear("tilt in degrees"), "largest share let through", LEVEL, fronts),
-        panel("A sphere of 600 surfels", Axis::log("pixels a surfel"), "share of hole pixels", 1e-5, coverages),
+        panel(
+            "One sheet, tilted",
+            Axis::linear("tilt in degrees"),
+            "largest share let through",
+            LEVEL,
+            fronts,
+        ),
+        panel(
+            "A sphere of 600 surfels",
+            Axis::log("pixels a surfel"),
+            "share of hole pixels",
+            1e-5,
+            coverages,
+        ),
         panel(
             "A disc of σ = 2 px turns past its edge",
             Axis::linear("tilt in degrees"),
