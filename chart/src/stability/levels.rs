@@ -94,7 +94,8 @@ fn jumps(frames: &[Frame], plain: &[Frame]) -> Vec<Vec<f64>> {
             f64::from(frames[i + 1].color[place][c] - frames[i].color[place][c])
         };
         let seen = (0..plain[i].color.len()).filter(|place| plain[i].color[*place][3] > 0.0);
-        seen.map(|place| largest((0..4).map(|c| (step(frames, place, c) - step(plain, place, c)).abs()))).collect()
+        seen.map(|place| largest((0..4).map(|c| (step(frames, place, c) - step(plain, place, c)).abs())))
+            .collect()
     };
     (0..frames.len() - 1).map(pair).collect()
 }
@@ -122,7 +123,9 @@ fn middle(wide: &Frame) -> Frame {
 /// Without the splats whose centres the camera doesn't see.
 fn by_centers(cloud: &Cloud, camera: &Camera) -> Cloud {
     without(cloud, |splats| {
-        let Strength::Opacity { peaks, .. } = &mut splats.strength else { unreachable!("splats are trained") };
+        let Strength::Opacity { peaks, .. } = &mut splats.strength else {
+            unreachable!("splats are trained")
+        };
         for (peak, center) in peaks.iter_mut().zip(&splats.centers) {
             let p = camera.pose().world_to_camera.transform_point3(center.as_dvec3());
             let seen = p.truncate() / p.z * camera.intrinsics().focal + camera.intrinsics().center;
@@ -154,7 +157,8 @@ fn run() -> Findings {
     let frames = |scene: &Scene, settings: &RenderSettings| -> Vec<(Frame, u64)> {
         distances.iter().map(|distance| counted(scene, &away(*distance), settings)).collect()
     };
-    let pictures = |frames: &[(Frame, u64)]| frames.iter().map(|(frame, _)| frame.clone()).collect::<Vec<_>>();
+    let pictures =
+        |frames: &[(Frame, u64)]| frames.iter().map(|(frame, _)| frame.clone()).collect::<Vec<_>>();
     let plain = pictures(&frames(&detailed, &RenderSettings { level_of_detail: false, ..unshaded() }));
     let default = frames(&detailed, &unshaded());
     // As many splats as the default draws, each k-th.
@@ -176,14 +180,18 @@ fn run() -> Findings {
         let errors_along: Vec<Vec<f64>> = pictures.iter().zip(&plain).map(|(a, b)| errors_of(a, b)).collect();
         let jumps_along = jumps(&pictures, &plain);
         let curve = |along: &[Vec<f64>]| {
-            let points = distances.iter().zip(along).map(|(x, errors)| [*x, largest(errors.iter().copied()).max(FLOOR)]);
+            let points = distances
+                .iter()
+                .zip(along)
+                .map(|(x, errors)| [*x, largest(errors.iter().copied()).max(FLOOR)]);
             Curve::new(name, role, points)
         };
         for (what, along) in [("error", &errors_along), ("jump beyond the true one", &jumps_along)] {
             let all: Vec<f64> = along.iter().flatten().copied().collect();
             let is_known = role == Role::Baseline;
-            let of = |figure: String, found, fails| {
-                Verdict { fails, ..at_most(role, name, &figure, found, bound) }
+            let of = |figure: String, found, fails| Verdict {
+                fails,
+                ..at_most(role, name, &figure, found, bound)
             };
             verdicts.push(of(format!("{what} at 99.9 % of the pixels"), most(all.clone()), is_known));
             // Levels are fitted to 99.9 %; one pixel may have more.
@@ -203,8 +211,8 @@ fn run() -> Findings {
     let hidden: Vec<[f64; 2]> = steps(21, [0.2, 3.2])
         .map(|distance| {
             let camera = looking_from(DVec3::new(0.4, 0.3, -0.8).normalize() * distance, 48);
-            let [(on, some), (off, all)] =
-                [true, false].map(|occlusion| counted(&nested, &camera, &RenderSettings { occlusion, ..unshaded() }));
+            let [(on, some), (off, all)] = [true, false]
+                .map(|occlusion| counted(&nested, &camera, &RenderSettings { occlusion, ..unshaded() }));
             left_out = left_out.max(1.0 - some as f64 / all as f64);
             [distance, apart(&on, &off).max_error.max(FLOOR)]
         })
