@@ -113,11 +113,13 @@ fn unstable(share: f64) -> f64 {
 }
 
 fn run() -> Findings {
+    // Without an early end, which a tolerance allows: where it comes depends on what comes before.
+    let thin = RenderSettings { tolerance: 0.0, ..ordered(Order::Slabs { thickness: 0.5 }) };
     let methods = [
         ("default", Role::Default, unshaded()),
         ("by centres", Role::Ours, ordered(Order::Centers)),
         ("pixel by pixel", Role::Ours, ordered(Order::PerPixel)),
-        ("slabs of 0.5 σ", Role::Ours, ordered(Order::Slabs { thickness: 0.5 })),
+        ("slabs of 0.5 σ, tolerance 0", Role::Ours, thin),
     ];
     let sheet = moved(translucent(&plane(40, 0.06, [0.9, 0.8, 0.2]), 0.6), DVec3::new(0.1, 0.0, 0.2));
     let mixed = |splats: Vec<Splats>| {
@@ -147,17 +149,23 @@ fn run() -> Findings {
             largest((1..3).map(other))
         };
         let off = |a: &Frame, b: &Frame| apart(a, b).max_error;
-        // Orders that tell one kernel from the next take equally distant ones, of the lattice too, as they come; thin slabs end
-        // elsewhere by what rounding does to a sum. Slabs as thick as the default's add up what lies in them, a hundred terms
-        // of 6·10⁻⁸ at most.
+        // Orders that tell one kernel from the next take equally distant ones, of the lattice too, as they come. Slabs add up what
+        // lies in them: a hundred terms, each right to 6·10⁻⁸.
+        let is_sorted = matches!(settings.order, Order::Centers | Order::PerPixel);
         let shares = [(0.0, "shuffled, no pairs"), (0.5, "shuffled, half in pairs")];
         for (share, what) in shares {
             let figure = format!("{what}: largest difference");
             let verdict = at_most(*role, name, &figure, reordered(share, false, off), 1e-5);
-            verdicts.push(if *role == Role::Default { verdict } else { failing(verdict) });
+            verdicts.push(if is_sorted { failing(verdict) } else { verdict });
         }
-        let sorted = reordered(0.0, true, differing);
-        verdicts.push(at_most(*role, name, "shuffled, then in Morton order: values changed", sorted, 0.0));
+        let in_morton_order = reordered(0.0, true, differing);
+        verdicts.push(at_most(
+            *role,
+            name,
+            "shuffled, then in Morton order: values changed",
+            in_morton_order,
+            0.0,
+        ));
         if tie_curves.len() < 2 {
             let shares = steps(11, [0.0, 1.0]);
             tie_curves.push(Curve::new(
