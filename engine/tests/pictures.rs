@@ -6,8 +6,8 @@ mod scenes;
 
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
 use oblate_engine::{
-    Camera, Cloud, FootprintForm, Frame, Light, Material, OpacityFilter, Pose, ReferenceKind, RenderSettings,
-    Scene, SceneError, Splats, Strength, reference, render,
+    Camera, Cloud, FootprintForm, Frame, Light, Material, OpacityFilter, Order, Pose, ReferenceKind,
+    RenderSettings, Scene, SceneError, Splats, Strength, reference, render,
 };
 use scenes::*;
 
@@ -330,6 +330,30 @@ fn nothing_and_next_to_nothing_can_be_drawn() {
         for settings in [unshaded(), RenderSettings { low_pass: 0.0, ..RenderSettings::default() }] {
             let frame = draw(clouds.clone(), &view, &settings);
             assert!(frame.color[0].iter().all(|c| c.is_finite()), "{transform}: {:?}", frame.color[0]);
+        }
+    }
+}
+
+#[test]
+fn colours_and_masses_beyond_measure_stay_numbers() {
+    let view = camera(5.0, 9);
+    for (color, mass) in [(1e30, 1e30), (1e30, f32::MAX), (1e33, 1e30), (1e33, 1.0), (1e-30, f32::MAX)] {
+        let kernel = |size: f32| {
+            kernels(vec![Vec3::ZERO; 3], Mat3::from_diagonal(Vec3::splat(size)), mass, [color; 3])
+        };
+        for order in [Order::Auto, Order::Centers, Order::PerPixel] {
+            for footprint in [FootprintForm::Auto, FootprintForm::Exact] {
+                let settings = RenderSettings { order, footprint, ..unshaded() };
+                let frame = draw(vec![kernel(1e-17), kernel(0.3)], &view, &settings);
+                let middle = frame.color[40];
+                assert!(
+                    frame.color.iter().flatten().all(|c| c.is_finite()),
+                    "{color:e}, {mass:e}: {middle:?}"
+                );
+                // Of such a mass it is opaque, and its own colour.
+                let is_opaque = mass < 1e29 || (middle[0] / color - 1.0).abs() < 1e-4 && middle[3] > 0.9999;
+                assert!(is_opaque, "{color:e}, {mass:e}: {middle:?}");
+            }
         }
     }
 }

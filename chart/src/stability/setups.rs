@@ -72,6 +72,57 @@ pub(super) fn fog(dims: [usize; 3], spacing: DVec3, extinction: f64, color: [f32
     kernels(places.map(center).collect(), Mat3::from_diagonal(spacing.as_vec3() * 0.7), mass, color)
 }
 
+/// A cloud elsewhere.
+pub(super) fn moved(cloud: Cloud, shift: DVec3) -> Cloud {
+    cloud.transformed(DAffine3::from_translation(shift))
+}
+
+/// Numbers from 0 to 1 that are spread evenly but in no order.
+pub(super) fn spread(index: usize, stride: f64) -> f64 {
+    (index as f64 * stride + 0.5).fract()
+}
+
+/// A direction for each index, from anywhere.
+pub(super) fn direction(index: usize) -> DVec3 {
+    let z = 2.0 * spread(index, 0.754_877_67) - 1.0;
+    (DVec2::from_angle(std::f64::consts::TAU * spread(index, 0.569_840_29)) * (1.0 - z * z).sqrt()).extend(z)
+}
+
+/// A cloud in the colours of its centres.
+pub(super) fn painted(cloud: &Cloud, color: impl Fn(Vec3) -> [f32; 3]) -> Cloud {
+    let mut splats = cloud.splats();
+    splats.colors = splats.centers.iter().map(|center| color(*center)).collect();
+    Cloud::new(splats).expect("colours of cases are finite")
+}
+
+/// A cube of fog whose colours turn along each axis, once through it.
+pub(super) fn haze(side: usize, spacing: f64, extinction: f64) -> Cloud {
+    let turn = std::f32::consts::TAU / (side as f32 * spacing as f32);
+    let shades = |p: Vec3| (p * turn + Vec3::new(0.0, 1.0, 2.0)).to_array().map(|a| 0.5 + 0.4 * a.sin());
+    painted(&fog([side; 3], DVec3::splat(spacing), extinction, [0.0; 3]), shades)
+}
+
+/// Kernels of opacity of many colours in a ball of radius 1, as trained scenes have them.
+pub(super) fn trained(count: usize, radius: f32) -> Cloud {
+    let indices = 0..count;
+    let center = |i| (direction(i) * spread(i, 0.819_173).cbrt()).as_vec3();
+    let factor = |i| oblate_factor(direction(i + 1000).as_vec3(), radius, 1.0 + (i % 4) as f32);
+    let peaks = indices.clone().map(|i| 0.3 + 0.1 * (i % 6) as f32).collect();
+    let color = |i: usize| [(i % 2) as f32, (i % 3) as f32 / 2.0, (i % 5) as f32 / 4.0];
+    let strength = Strength::Opacity { peaks, filter: OpacityFilter::Classic };
+    let shapes = Shapes::Each(indices.clone().map(factor).collect());
+    splats(indices.clone().map(center).collect(), shapes, strength, indices.map(color).collect())
+}
+
+/// A surface that lets a share through.
+pub(super) fn translucent(cloud: &Cloud, opacity: f32) -> Cloud {
+    let mut splats = cloud.splats();
+    if let Strength::Surface(surface) = &mut splats.strength {
+        surface.opacities = Some(vec![opacity; surface.areas.len()]);
+    }
+    Cloud::new(splats).expect("opacities of cases are in range").transformed(cloud.cloud_to_world())
+}
+
 /// One flat surfel of a given area at each point with a normal, σ = 0.8 √area.
 pub(super) fn surfels(points: &[(Vec3, Vec3)], area: f32, color: [f32; 3]) -> Cloud {
     let radius = 0.8 * area.sqrt();

@@ -17,9 +17,19 @@ use crate::shade::Shader;
 use crate::simd::{self, SimdBase as _, dispatch};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
-/// Rounds an amplitude. What is beyond ±1e20 is opaque whatever its value; sums of it stay finite.
+/// The largest amplitude: what is beyond it is opaque whatever its value, and sums stay finite.
+pub(super) const MOST_AMPLITUDE: f32 = 1e20;
+
+/// The largest amplitude times colour: thousands of these can be summed up.
+pub(super) const MOST_SUMMED: f32 = 1e35;
+
+/// Colours beyond 1e33 leave amplitudes as large as this, which is opaque.
+pub(super) const OPAQUE_AMPLITUDE: f32 = 100.0;
+
+/// Rounds an amplitude.
 fn single(x: f64) -> f32 {
-    x.clamp(-1e20, 1e20) as f32
+    let most = f64::from(MOST_AMPLITUDE);
+    x.clamp(-most, most) as f32
 }
 
 /// What every projector of a frame shares.
@@ -185,6 +195,9 @@ impl<'a> Projector<'a> {
                 sample.opacity = splats.opacity(index);
             }
         }
+        let brightest = record.color.map(f32::abs).into_iter().fold(MOST_SUMMED / MOST_AMPLITUDE, f32::max);
+        let most = (MOST_SUMMED / brightest).max(OPAQUE_AMPLITUDE);
+        record.amplitude = record.amplitude.clamp(-most, most);
         if record.amplitude == 0.0 && record.amplitude_slope_or_slabs == [0.0; 2] {
             return None;
         }

@@ -7,6 +7,7 @@ use super::looks::Looks;
 use crate::columns::{self, LANES, Lanes};
 use crate::cull::VisibleRange;
 use crate::footprint::record::{Form, Kind, Record, Rect, Tag};
+use crate::footprint::scalar::{MOST_AMPLITUDE, MOST_SUMMED, OPAQUE_AMPLITUDE};
 use crate::footprint::{Places, SurfaceSample};
 use crate::simd::*;
 
@@ -135,8 +136,6 @@ impl WideProjector<'_> {
             let length = dot(placed.ray, placed.ray).sqrt();
             amplitude = exact.select(amplitude, amplitude * length);
         }
-        let most = splat(simd, 1e20);
-        amplitude = amplitude.max(-most).min(most);
         let [mean, slope] = [footprints.mean, footprints.depth_slope];
         let [a, b, c] = footprints.conic_root;
         let mut color = looks.color;
@@ -147,6 +146,10 @@ impl WideProjector<'_> {
             }
         }
         let [red, green, blue] = color;
+        let brightest =
+            red.abs().max(green.abs()).max(blue.abs()).max(splat(simd, MOST_SUMMED / MOST_AMPLITUDE));
+        let most = (splat(simd, MOST_SUMMED) / brightest).max(splat(simd, OPAQUE_AMPLITUDE));
+        amplitude = amplitude.max(-most).min(most);
         let quads = [
             rows(simd, [mean[0], mean[1], placed.center[2], amplitude]),
             rows(simd, [a, b, c, footprints.sigma_z]),
