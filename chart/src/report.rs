@@ -205,10 +205,10 @@ fn subject(measured: &Measured, files: &mut Vec<File>) -> Result<String, PlotErr
         text += &kept(files, &format!("{}-{suffix}", file_name(&measured.name)), chart(measured, which)?);
     }
     let [first, second] = measured.references.each_ref().map(|name| escaped(name));
-    let _ = write!(
+    let _ = writeln!(
         text,
         "<details open><summary>All ways of drawing</summary><table><tr><th>way</th><th>ms</th><th>from, to</th><th>splats</th>\
-         <th>{first}: PSNR</th><th>99.9 %</th><th>largest</th><th>SSIM</th><th>{second}: PSNR</th><th>99.9 %</th><th>largest</th><th>SSIM</th></tr>\n"
+         <th>{first}: PSNR</th><th>99.9 %</th><th>largest</th><th>SSIM</th><th>{second}: PSNR</th><th>99.9 %</th><th>largest</th><th>SSIM</th></tr>"
     );
     for (place, row) in measured.rows.iter().enumerate() {
         let class = match (place, row.is_best[0]) {

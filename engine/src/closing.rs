@@ -11,7 +11,7 @@
 
 use crate::camera::{Camera, Projection};
 use crate::cloud::Cloud;
-use crate::columns::{Factors, Kind};
+use crate::columns::Factors;
 use crate::cull::VisibleRange;
 use crate::footprint::Lens;
 use crate::scene::{Baseline, Order, RenderSettings, Scene};
@@ -128,18 +128,15 @@ impl Closing {
         settings: &RenderSettings,
         visible: &[VisibleRange],
     ) -> Result<Self, SceneError> {
-        let volumes =
-            || scene.clouds.iter().filter(|cloud| !matches!(cloud.columns().kind, Kind::Surface(_)));
+        let mut volumes = scene.clouds.iter().filter(|cloud| !cloud.is_surface());
         let thickness = match settings.order {
-            Order::Auto if volumes().all(|cloud| matches!(cloud.columns().kind, Kind::Opacity(_))) => {
-                return Ok(Self::Centers);
-            }
+            Order::Auto if scene.is_sorted_by_definition() => return Ok(Self::Centers),
             Order::Auto => Order::THICKNESS,
             Order::Slabs { thickness } => thickness,
             Order::Centers => return Ok(Self::Centers),
             Order::PerPixel => return Ok(Self::PerPixel),
             Order::AxisSheets { spacing } => {
-                return Sheets::new(volumes().next(), camera, spacing).map(Self::Sheets);
+                return Sheets::new(volumes.next(), camera, spacing).map(Self::Sheets);
             }
         };
         let (least, largest) = drawn_sigmas(scene, visible)

@@ -1,6 +1,7 @@
 //! What is drawn, under which light, and how.
 
 use crate::cloud::Cloud;
+use crate::columns::Kind;
 use crate::frame::Channels;
 use glam::DVec3;
 
@@ -11,6 +12,13 @@ pub struct Scene {
     pub clouds: Vec<Cloud>,
     /// The lights. Without any, white ambient light and a white headlight along the view axis shine.
     pub lights: Vec<Light>,
+}
+
+impl Scene {
+    /// Whether nothing is drawn but opacities, which are composited by their centres' distance by definition.
+    pub(crate) fn is_sorted_by_definition(&self) -> bool {
+        self.clouds.iter().all(|cloud| matches!(cloud.columns().kind, Kind::Opacity(_)))
+    }
 }
 
 /// A light; colours are linear Rec. 709 times intensity.
@@ -72,8 +80,8 @@ pub enum Blend {
 /// goes over what lies behind.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Order {
-    /// [`Order::Centers`] where all kernels have opacities, which are defined by it; else [`Order::Slabs`] of
-    /// [`Order::THICKNESS`].
+    /// [`Order::Centers`] where all splats have opacities, which are defined by it; else [`Order::Slabs`] of
+    /// [`Order::THICKNESS`]. [`crate::settle()`] puts the quickest in its place that keeps to the tolerance.
     #[default]
     Auto,
     /// After each kernel, by the distance of centres from the eye, which does not change when the camera turns in place.

@@ -2,7 +2,6 @@
 
 use crate::camera::Camera;
 use crate::color::linear_to_srgb;
-use crate::columns::Kind;
 use crate::frame::Channels;
 use crate::render::Renderer;
 use crate::scene::{Blend, FootprintForm, Order, RenderSettings, Scene};
@@ -74,10 +73,9 @@ pub fn settle(
 
 /// The ways that the settings allow, from the quickest to the finest.
 fn ways(scene: &Scene, settings: &RenderSettings) -> Vec<(Order, FootprintForm)> {
-    let kinds = || scene.clouds.iter().map(|cloud| &cloud.columns().kind);
     let order = match settings.order {
-        Order::Auto if kinds().all(|kind| matches!(kind, Kind::Surface(_))) => Some(Order::Auto),
-        Order::Auto if !kinds().any(|kind| matches!(kind, Kind::Extinction)) => Some(Order::Centers),
+        Order::Auto if scene.is_sorted_by_definition() => Some(Order::Centers),
+        Order::Auto if scene.clouds.iter().all(|cloud| cloud.is_surface()) => Some(Order::Auto),
         Order::Auto => None,
         order => Some(order),
     };

@@ -10,7 +10,7 @@ use oblate_engine::{Camera, OpacityFilter, Order, Pose, Projection, ReferenceKin
 pub(super) const CASE: Case = Case {
     number: 2,
     title: "Beside the picture and through the camera plane",
-    criterion: "Needles whose σ is 0.7 of their distance and a ball of 0.4 lie beside a picture of 90° and behind the camera, which turns by 0.05° a frame. Exact footprints are within 2e-3 of the truth, the default within its tolerance of 1/255; what is seen of a needle keeps its direction within 1°; no frame changes more than twice as much as the truth does. In the default, trained Gaussians end where they fall below 1/255, so that directions are up to 1.2° off and a pixel may change by 1/255 at once, 3.7 times as much as the truth.",
+    criterion: "Needles whose σ is 0.7 of their distance and a ball of 0.4 lie beside a picture of 90° and behind the camera, which turns by 0.05° a frame. Exact footprints are within 2e-3 of the truth, the default within its tolerance of 1/255; what is seen of a needle keeps its direction within 1°; no frame changes more than twice as much as the truth does.",
     run,
 };
 
