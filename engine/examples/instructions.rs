@@ -4,6 +4,7 @@
 //! frame the functions below mark where each stage begins and ends.
 
 #[path = "../../chart/src/scenes/random.rs"]
+#[allow(unreachable_pub, reason = "the file is public where it lives")]
 mod random;
 
 use glam::{DVec3, Mat3, Vec3};

@@ -92,7 +92,6 @@ fn run() -> Findings {
         let layers =
             at_most(*role, name, "up to 1000 layers: transmittance off by", worst(&of_layers[k]), 1e-3);
         let parts = at_most(*role, name, "one split in up to 1000: off by", worst(&of_split[k]), LEVEL);
-        // As trained Gaussians were trained, the default drops what is fainter than its tolerance.
         let fails = *role == Role::Baseline;
         verdicts.extend([layers, parts].map(|v| if fails { failing(v) } else { v }));
     }
