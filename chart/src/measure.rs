@@ -39,8 +39,8 @@ impl Plan {
     /// What fits a scale.
     pub fn new(scale: Scale) -> Self {
         match scale {
-            Scale::Full => Self { frames: 5, r1_side: 80, r2_side: 40, r2_rays: 16 },
-            Scale::Quick => Self { frames: 3, r1_side: 40, r2_side: 24, r2_rays: 12 },
+            Scale::Full => Self { frames: 5, r1_side: 72, r2_side: 40, r2_rays: 16 },
+            Scale::Quick => Self { frames: 3, r1_side: 32, r2_side: 16, r2_rays: 8 },
         }
     }
 }
@@ -330,7 +330,8 @@ fn race<'a>(
     plan: &Plan,
     watch: &dyn Watch,
 ) -> Result<Vec<Contender<'a>>, MeasureError> {
-    let ways = methods(&subject.scene, &subject.settings);
+    let settled = settle(&subject.scene, &subject.camera, &subject.settings)?;
+    let ways = methods(&subject.scene, &subject.settings, &settled);
     let contender = |method, other| Contender {
         method,
         other,
@@ -345,17 +346,11 @@ fn race<'a>(
     });
     let mut contenders: Vec<Contender<'a>> =
         ways.into_iter().map(|way| contender(way, None)).chain(others).collect();
-    for contender in contenders.iter_mut().filter(|contender| contender.other.is_none()) {
+    for contender in contenders.iter_mut().filter(|contender| contender.method.family == Family::Tolerance) {
         let begun = watch.now();
-        let settings = match settle(&subject.scene, &subject.camera, &contender.method.settings) {
-            // Sheets need a grid: the race leaves them out.
-            Err(SceneError::NoGrid) => continue,
-            settled => settled?,
-        };
-        if settings != contender.method.settings {
-            contender.settled = Some((way(&settings), (watch.now() - begun).as_secs_f64() * 1e3));
-            contender.method.settings = settings;
-        }
+        let settings = settle(&subject.scene, &subject.camera, &contender.method.settings)?;
+        contender.settled = Some((way(&settings), (watch.now() - begun).as_secs_f64() * 1e3));
+        contender.method.settings = settings;
     }
     let mut renderer = Renderer::new();
     let work = format!("{}: {} ways of drawing", subject.name, contenders.len());

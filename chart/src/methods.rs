@@ -100,8 +100,9 @@ const LOW_PASSES: [f64; 2] = [1.0, 1.0 / 12.0];
 /// Shares of a scene's splats that a budget leaves.
 const BUDGETS: [f64; 2] = [0.5, 0.125];
 
-/// The ways in which a scene can be drawn that is drawn with `settings` when nothing is said; the first is that.
-pub fn methods(scene: &Scene, settings: &RenderSettings) -> Vec<Method> {
+/// The ways in which a scene can be drawn that is drawn with `settings` when nothing is said; the first is that. Other dials are turned
+/// around what is `settled` of it.
+pub fn methods(scene: &Scene, settings: &RenderSettings, settled: &RenderSettings) -> Vec<Method> {
     let has_kernels = scene.clouds.iter().any(|cloud| !cloud.is_surface());
     let mut all = Vec::new();
     let mut add = |family, name: String, settings| all.push(Method { name, family, settings });
@@ -129,18 +130,19 @@ pub fn methods(scene: &Scene, settings: &RenderSettings) -> Vec<Method> {
     // Where samples of surfaces end is part of what they are.
     let has_surfaces = scene.clouds.iter().any(|cloud| cloud.is_surface());
     for cutoff in CUTOFFS.into_iter().filter(|_| !has_surfaces) {
-        add(Family::Cutoff, format!("cut off at ρ = {cutoff}"), RenderSettings { cutoff, ..*settings });
+        add(Family::Cutoff, format!("cut off at ρ = {cutoff}"), RenderSettings { cutoff, ..*settled });
     }
     for low_pass in LOW_PASSES.into_iter().filter(|variance| *variance != settings.low_pass) {
         let name = format!("low-pass {:.2} px²", low_pass);
-        add(Family::LowPass, name, RenderSettings { low_pass, ..*settings });
+        add(Family::LowPass, name, RenderSettings { low_pass, ..*settled });
     }
     if scene.clouds.iter().any(|cloud| cloud.has_levels()) {
-        add(Family::Levels, "every splat".into(), fixed);
+        let all = RenderSettings { level_of_detail: false, ..*settled };
+        add(Family::Levels, "every splat".into(), all);
         let splats: usize = scene.clouds.iter().map(|cloud| cloud.len()).sum();
         for share in BUDGETS {
             let budget = Some((splats as f64 * share) as usize);
-            add(Family::Levels, format!("budget of {share}"), RenderSettings { budget, ..*settings });
+            add(Family::Levels, format!("budget of {share}"), RenderSettings { budget, ..*settled });
         }
     }
     if has_kernels {

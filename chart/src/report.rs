@@ -144,8 +144,9 @@ fn escaped(text: &str) -> String {
 fn advice(all: &[Measured]) -> String {
     let mut text = String::from(
         "<h2>Which way to draw</h2>\n<p>The default keeps to 1/255 in 999 pixels of 1000 where its error is in green. The quickest is the fastest \
-         way that does, the most accurate the slowest way worth its time.</p>\n<table><tr><th>scene</th><th>default, ms</th><th>error of 99.9 %</th>\
-         <th>quickest within 1/255</th><th>ms</th><th>error</th><th>most accurate</th><th>ms</th><th>error</th></tr>\n",
+         way that does; the most accurate is the slowest way worth its time. What the default is, is found by trial in windows of each scene (it took the time in the last \
+         column, once).</p>\n<table><tr><th>scene</th><th>the default is</th><th>ms</th><th>error of 99.9 %</th>\
+         <th>quickest within 1/255</th><th>ms</th><th>error</th><th>most accurate</th><th>ms</th><th>error</th><th>trial, ms</th></tr>\n",
     );
     for measured in all {
         // What a reference of the same splats says; a known picture holds what splats cannot.
@@ -168,12 +169,14 @@ fn advice(all: &[Measured]) -> String {
         let class = if error(default) <= LEVEL { "passes" } else { "fails" };
         let _ = writeln!(
             text,
-            "<tr><td><a href=\"#{0}\">{0}</a></td><td>{1}</td><td class=\"{class}\">{2}</td>{3}{4}</tr>",
+            "<tr><td><a href=\"#{0}\">{0}</a></td><td>{5}</td><td>{1}</td><td class=\"{class}\">{2}</td>{3}{4}<td>{6}</td></tr>",
             escaped(&measured.name),
             milliseconds(default.median_ms),
             small(error(default)),
             cells(quickest),
-            cells(closest)
+            cells(closest),
+            default.settled.as_ref().map_or(String::new(), |(way, _)| escaped(way)),
+            default.settled.as_ref().map_or(String::new(), |(_, ms)| milliseconds(*ms)),
         );
     }
     text + "</table>\n"
@@ -220,8 +223,9 @@ fn subject(measured: &Measured, files: &mut Vec<File>) -> Result<String, PlotErr
         let splats = row.visible.map_or(String::new(), |[visible, _]| visible.to_string());
         let _ = writeln!(
             text,
-            "<tr class=\"{class}\"><td>{}</td><td>{}</td><td>{quickest}, {slowest}</td><td>{splats}</td>{}{}</tr>",
+            "<tr class=\"{class}\"><td>{}{}</td><td>{}</td><td>{quickest}, {slowest}</td><td>{splats}</td>{}{}</tr>",
             escaped(&row.method),
+            row.settled.as_ref().map_or(String::new(), |(way, _)| format!(" ({})", escaped(way))),
             milliseconds(row.median_ms),
             errors(row.errors[0]),
             errors(row.errors[1])

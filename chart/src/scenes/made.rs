@@ -113,7 +113,7 @@ fn motley(count: usize) -> Result<Cloud, SubjectError> {
 pub(super) fn clouds(scale: Scale) -> Result<Subject, SubjectError> {
     let about = "Kernels of all sizes in contrasting colours through each other, optical depths about 0.3: every mistake in the order shows as a wrong colour.";
     let camera = camera(DVec3::new(1.6, 1.2, -4.0), DVec3::Y, scale.side())?;
-    let cloud = motley(scale.pick(20_000, 4_000))?;
+    let cloud = motley(scale.pick(16_000, 2_500))?;
     Ok(Subject { focus: DVec2::new(0.4, 0.4), ..subject("clouds", about, vec![cloud], camera) })
 }
 
@@ -151,7 +151,7 @@ pub(super) fn mixed(scale: Scale) -> Result<Subject, SubjectError> {
     ];
     let about = "A mesh through a semi-transparent volume with an iso-surface in it: kernels are cut exactly where surfaces pass through them.";
     let camera = camera(DVec3::new(2.2, -3.2, 1.6), DVec3::Z, scale.side())?;
-    Ok(Subject { focus: DVec2::new(0.6, 0.36), ..subject("mixed", about, clouds, camera) })
+    Ok(Subject { focus: DVec2::new(0.42, 0.42), ..subject("mixed", about, clouds, camera) })
 }
 
 /// Sees what [`trained_splats`] makes; y is down.
@@ -169,10 +169,10 @@ pub(super) fn trained(scale: Scale) -> Result<Subject, SubjectError> {
 }
 
 pub(super) fn staged(scale: Scale) -> Result<Subject, SubjectError> {
-    let splats = cloud(trained_splats(scale.pick(4_000, 2_000)));
+    let splats = cloud(trained_splats(scale.pick(4_000, 800)));
     let place = DAffine3::from_translation(DVec3::new(0.2, -1.0, 0.3));
     let ring = knot(scale.pick(0.015, 0.035), 0.8)?.transformed(place);
-    let smoke = motley(scale.pick(1_500, 600))?;
+    let smoke = motley(scale.pick(1_500, 200))?;
     let masses = smoke.splats();
     let smoke = Cloud::new(Splats { colors: vec![[0.7, 0.75, 0.8]; masses.colors.len()], ..masses })?;
     let about = "Trained splats with a mesh through them and smoke around both: three kinds of strength in one order along every ray.";
@@ -188,9 +188,12 @@ pub(super) fn far(scale: Scale) -> Result<Subject, SubjectError> {
     let volume = classified(&phantom(scale.pick(96, 48))?, HEAD)?.with_levels();
     let figure = knot(scale.pick(0.012, 0.03), 0.5)?.with_levels();
     let mut clouds = Vec::new();
-    for row in 0..6 {
-        for column in 0..6 {
-            let place = DVec3::new(f64::from(column) * 2.2 - 5.5, f64::from(row) * 2.6 - 5.0, 0.0);
+    let side = scale.pick(6, 3);
+    for row in 0..side {
+        for column in 0..side {
+            let middle = f64::from(side - 1) / 2.0;
+            let place = DVec3::new(f64::from(column) - middle, f64::from(row) - middle, 0.0)
+                * DVec3::new(2.2, 2.6, 1.0);
             let source = if (row + column) % 2 == 0 { &figure } else { &volume };
             clouds.push(source.clone().transformed(DAffine3::from_translation(place)));
         }

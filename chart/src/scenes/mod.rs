@@ -74,7 +74,7 @@ pub struct Other {
 pub enum Scale {
     /// Hundreds of thousands of splats, 512².
     Full,
-    /// Tens of thousands, 192².
+    /// Tens of thousands, 128².
     Quick,
 }
 
@@ -83,7 +83,7 @@ impl Scale {
     pub fn side(self) -> u32 {
         match self {
             Self::Full => 512,
-            Self::Quick => 192,
+            Self::Quick => 128,
         }
     }
 
