@@ -15,8 +15,8 @@ use oblate_volumes::{
 use std::f32::consts::TAU;
 use std::sync::Arc;
 
-/// A head: skin as haze, skull as tinted glass, brain as fog with darker and lighter parts.
-const HEAD: &str = "
+/// The transfer function of `head`: skin as haze, skull as tinted glass, brain as fog with darker and lighter parts.
+pub const HEAD_TRANSFER: &str = "
     transfer 1
     strength extinction
     color srgb
@@ -73,8 +73,16 @@ fn classified(volume: &Volume, transfer: &str) -> Result<Cloud, SubjectError> {
     Ok(to_kernels(volume, &transfer, &KernelSettings::default())?)
 }
 
+/// The volume of `head`, 72³ samples or 40³.
+///
+/// # Errors
+/// Never, unless numbers in this crate are wrong.
+pub fn head_volume(scale: Scale) -> Result<Volume, SubjectError> {
+    phantom(scale.pick(72, 40))
+}
+
 pub(super) fn head(scale: Scale) -> Result<Subject, SubjectError> {
-    let kernels = classified(&phantom(scale.pick(72, 40))?, HEAD)?;
+    let kernels = classified(&head_volume(scale)?, HEAD_TRANSFER)?;
     let about = "A medical volume: the Shepp–Logan head as shaded, semi-transparent kernels. What is hard: tens of them overlap on every ray.";
     let camera = camera(DVec3::new(2.2, -2.9, 1.6), DVec3::Z, scale.side())?;
     Ok(Subject { focus: DVec2::new(0.36, 0.42), ..subject("head", about, vec![kernels], camera) })
@@ -185,7 +193,7 @@ pub(super) fn staged(scale: Scale) -> Result<Subject, SubjectError> {
 
 pub(super) fn far(scale: Scale) -> Result<Subject, SubjectError> {
     // Dense, so that what is filtered matters: voxels of a sixth of a pixel.
-    let volume = classified(&phantom(scale.pick(96, 48))?, HEAD)?.with_levels();
+    let volume = classified(&phantom(scale.pick(96, 48))?, HEAD_TRANSFER)?.with_levels();
     let figure = knot(scale.pick(0.012, 0.03), 0.5)?.with_levels();
     let mut clouds = Vec::new();
     let side = scale.pick(6, 3);

@@ -5,6 +5,8 @@ mod made;
 pub mod random;
 mod warped;
 
+pub use made::{HEAD_TRANSFER, head_volume};
+
 use glam::DVec2;
 use oblate_engine::{Camera, CameraError, CloudError, Frame, RenderSettings, Scene};
 use oblate_surfels::{DepthError, SampleError};
