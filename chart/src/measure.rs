@@ -39,7 +39,7 @@ impl Plan {
     /// What fits a scale.
     pub fn new(scale: Scale) -> Self {
         match scale {
-            Scale::Full => Self { frames: 5, r1_side: 72, r2_side: 40, r2_rays: 16 },
+            Scale::Full => Self { frames: 5, r1_side: 64, r2_side: 32, r2_rays: 16 },
             Scale::Quick => Self { frames: 3, r1_side: 32, r2_side: 16, r2_rays: 8 },
         }
     }
@@ -324,6 +324,9 @@ fn row(contender: &Contender<'_>, errors: [Option<Errors>; 2]) -> Row {
     }
 }
 
+/// A way that has been timed for so long in all is timed no more.
+const ENOUGH_MS: f64 = 400.0;
+
 /// Draws in every way, again and again in turns, so that what else the machine does meets all alike.
 fn race<'a>(
     subject: &'a Subject,
@@ -359,6 +362,10 @@ fn race<'a>(
     for round in 0..rounds {
         for (place, contender) in contenders.iter_mut().enumerate() {
             watch.at(&work, round as f64 / rounds as f64);
+            // What takes long varies less.
+            if contender.times.iter().sum::<f64>() > ENOUGH_MS {
+                continue;
+            }
             let begun = watch.now();
             let is_drawn = contender.draw(subject, &mut renderer, round == 0)?;
             if !is_drawn {

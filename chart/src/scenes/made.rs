@@ -78,7 +78,7 @@ fn classified(volume: &Volume, transfer: &str) -> Result<Cloud, SubjectError> {
 /// # Errors
 /// Never, unless numbers in this crate are wrong.
 pub fn head_volume(scale: Scale) -> Result<Volume, SubjectError> {
-    phantom(scale.pick(72, 40))
+    phantom(scale.pick(64, 40))
 }
 
 pub(super) fn head(scale: Scale) -> Result<Subject, SubjectError> {
@@ -121,7 +121,7 @@ fn motley(count: usize) -> Result<Cloud, SubjectError> {
 pub(super) fn clouds(scale: Scale) -> Result<Subject, SubjectError> {
     let about = "Kernels of all sizes in contrasting colours through each other, optical depths about 0.3: every mistake in the order shows as a wrong colour.";
     let camera = camera(DVec3::new(1.6, 1.2, -4.0), DVec3::Y, scale.side())?;
-    let cloud = motley(scale.pick(16_000, 2_500))?;
+    let cloud = motley(scale.pick(8_000, 2_500))?;
     Ok(Subject { focus: DVec2::new(0.4, 0.4), ..subject("clouds", about, vec![cloud], camera) })
 }
 
@@ -177,10 +177,10 @@ pub(super) fn trained(scale: Scale) -> Result<Subject, SubjectError> {
 }
 
 pub(super) fn staged(scale: Scale) -> Result<Subject, SubjectError> {
-    let splats = cloud(trained_splats(scale.pick(4_000, 800)));
+    let splats = cloud(trained_splats(scale.pick(1_500, 800)));
     let place = DAffine3::from_translation(DVec3::new(0.2, -1.0, 0.3));
     let ring = knot(scale.pick(0.015, 0.035), 0.8)?.transformed(place);
-    let smoke = motley(scale.pick(1_500, 200))?;
+    let smoke = motley(scale.pick(400, 200))?;
     let masses = smoke.splats();
     let smoke = Cloud::new(Splats { colors: vec![[0.7, 0.75, 0.8]; masses.colors.len()], ..masses })?;
     let about = "Trained splats with a mesh through them and smoke around both: three kinds of strength in one order along every ray.";
