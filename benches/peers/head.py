@@ -106,6 +106,11 @@ def prepared(scene, folder, voxels):
     camera.SetViewUp(*place["up"])
     camera.SetViewAngle(place["vertical_angle"])
     renderer.ResetCameraClippingRange()
+    # VTK's own headlight has no ambient light.
+    light = vtk.vtkLight()
+    light.SetLightTypeToHeadlight()
+    light.SetAmbientColor(1, 1, 1)
+    renderer.AddLight(light)
     window = vtk.vtkRenderWindow()
     window.SetOffScreenRendering(True)
     window.SetMultiSamples(0)
