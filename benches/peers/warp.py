@@ -31,7 +31,7 @@ class Warp:
         write(self.depths, self.photograph, (matrix, self.focal, self.center), (self.nearest, self.picture), reach)
 
     def write_opencv(self):
-        """OpenCV counts pixels from the centre of the first, but warpFrame rounds down: it is given a pose that moves by half a pixel."""
+        """OpenCV counts pixels from the centre of the first; but warpFrame rounds down, so that its pose adds half a pixel."""
         (fx, fy), (cx, cy) = self.focal, self.center - 0.5
         intrinsics = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
         by_half = np.array([[1, 0, 0.5 / fx, 0], [0, 1, 0.5 / fy, 0], [0, 0, 1, 0], [0, 0, 0, 1]])

@@ -23,7 +23,7 @@ fn peers_have_rows_of_their_own() {
     place.write("peers.json", peers(&place).to_string());
     place.run(&["chart", "warp", "--quick", "--peers", "peers.json", "-o", "out", "-q"]);
     let chart: Value = serde_json::from_slice(&std::fs::read(place.path("out/chart.json")).unwrap()).unwrap();
-    let rows = chart["scenes"][0]["rows"].as_array().unwrap();
+    let rows = chart["subjects"][0]["rows"].as_array().unwrap();
     let of_peers: Vec<&Value> = rows.iter().filter(|row| row["family"] == "peer").collect();
     assert_eq!(of_peers.len(), 1, "{rows:?}");
     let row = of_peers[0];
