@@ -34,6 +34,7 @@ def draw(window):
 
 
 def picture(window):
+    """What the window holds is in linear light."""
     filter = vtk.vtkWindowToImageFilter()
     filter.SetInput(window)
     filter.ReadFrontBufferOff()
@@ -41,7 +42,12 @@ def picture(window):
     image = filter.GetOutput()
     width, height, _ = image.GetDimensions()
     rows = numpy_support.vtk_to_numpy(image.GetPointData().GetScalars()).reshape(height, width, 3)
-    return rows[::-1]
+    return np.round(255 * encoded(rows[::-1] / 255)).astype(np.uint8)
+
+
+def encoded(linear):
+    """Linear light to sRGB (IEC 61966-2-1)."""
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def decoded(srgb):
@@ -100,11 +106,14 @@ def prepared(scene, folder, voxels):
     camera.SetViewUp(*place["up"])
     camera.SetViewAngle(place["vertical_angle"])
     renderer.ResetCameraClippingRange()
+    # VTK's own headlight has no ambient light.
+    light = vtk.vtkLight()
+    light.SetLightTypeToHeadlight()
+    light.SetAmbientColor(1, 1, 1)
+    renderer.AddLight(light)
     window = vtk.vtkRenderWindow()
     window.SetOffScreenRendering(True)
     window.SetMultiSamples(0)
-    # Everything blends in linear light; what is shown is encoded.
-    window.SetUseSRGBColorSpace(True)
     window.SetSize(*scene["size"])
     window.AddRenderer(renderer)
     return window

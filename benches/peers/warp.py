@@ -31,10 +31,12 @@ class Warp:
         write(self.depths, self.photograph, (matrix, self.focal, self.center), (self.nearest, self.picture), reach)
 
     def write_opencv(self):
-        """OpenCV counts pixels from the centre of the first."""
+        """OpenCV counts pixels from the centre of the first; but warpFrame rounds down, so that its pose adds half a pixel."""
         (fx, fy), (cx, cy) = self.focal, self.center - 0.5
         intrinsics = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
-        _, warped, shown = cv2.warpFrame(self.depths, self.photograph, None, self.camera_to_view, intrinsics)
+        by_half = np.array([[1, 0, 0.5 / fx, 0], [0, 1, 0.5 / fy, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+        pose = by_half @ self.camera_to_view
+        _, warped, shown = cv2.warpFrame(self.depths, self.photograph, None, pose, intrinsics)
         warped[shown == 0] = self.background
         self.picture = warped
 

@@ -2,6 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "what is not there fails the test")]
 
+mod chart;
 mod command_line;
 mod compare;
 mod convert;
