@@ -159,9 +159,9 @@ pub fn panel(panel: &Panel) -> Result<Drawing, PlotError> {
         .with_y_label(panel.y.label.clone())
         .with_x_tick_format(ticks(&panel.x))
         .with_y_tick_format(ticks(&panel.y))
-        .with_width(640.0)
+        .with_width(860.0)
         .with_height(400.0)
-        .with_legend_position(LegendPosition::OutsideBottomColumns);
+        .with_legend_position(LegendPosition::OutsideRightTop);
     if panel.x.is_log {
         layout = layout.with_log_x();
     }
