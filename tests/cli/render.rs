@@ -329,25 +329,32 @@ fn slabs_come_closer_to_the_reference_than_centers() {
         place.run(&[&fixed[..], &["--shade", "off", "-o", name], options].concat());
     };
     draw("r1.exr", &["--reference", "r1"]);
-    let error = |options: &[&str]| -> f64 {
+    let figure = |options: &[&str], name: &str| -> f64 {
         draw("fast.exr", options);
         let [text, _] = place.run(&["compare", "fast.exr", "r1.exr"]);
-        let mean = text.lines().find_map(|line| line.strip_prefix("mean error ")).unwrap();
-        mean.split(' ').next().unwrap().parse().unwrap()
+        let found = text.lines().find_map(|line| line.strip_prefix(name)).unwrap();
+        found.trim().split(' ').next().unwrap().parse().unwrap()
     };
-    let [centers, pixels, slabs, thick, auto] = [
+    // The order alone, with exact footprints.
+    let [centers, pixels, slabs, thick] = [
         &["--order", "centers"][..],
         &["--order", "per-pixel"],
         &["--order", "slabs"],
         &["--slab-thickness", "8"],
-        &[],
     ]
-    .map(error);
+    .map(|options| figure(&[options, &["--footprint", "exact"]].concat(), "mean error "));
     println!("centers {centers}, per pixel {pixels}, slabs {slabs}, thick slabs {thick}");
     // Kernels of 0.7 voxel are sorted along lines of sight either way: the depths at pixels change little.
     assert!(pixels < 2.0 * centers);
     assert!(slabs < 0.2 * centers && thick > 5.0 * slabs);
-    assert_eq!(auto, slabs);
+    // What is left open keeps to the tolerance, whichever it is.
+    for (tolerance, most) in [("1/255", 1.0 / 255.0), ("0.5/255", 0.5 / 255.0)] {
+        let auto = figure(&["--tolerance", tolerance, "--stats", "stats.json"], "99.9 % error ");
+        let stats: Value = serde_json::from_slice(&std::fs::read(place.path("stats.json")).unwrap()).unwrap();
+        println!("{tolerance}: {auto}, {}", stats["way"]);
+        assert!(auto <= most, "{tolerance}: {auto}, {stats}");
+        assert!(stats["way"].is_string() && stats["settle_ms"].is_number(), "{stats}");
+    }
 }
 
 /// As /dev/null must: a file moved over it would take it from everybody.
