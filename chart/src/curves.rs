@@ -78,3 +78,10 @@ pub struct Panel {
     /// At least one.
     pub curves: Vec<Curve>,
 }
+
+impl Panel {
+    /// Errors along x, `y` in words, on a logarithmic axis, with a bound.
+    pub fn of_errors(title: &str, x: Axis, y: &str, bound: f64, curves: Vec<Curve>) -> Self {
+        Self { title: title.into(), x, y: Axis::log(y), bound: Some(bound), curves }
+    }
+}

@@ -1,5 +1,8 @@
 //! What oblate's ways of drawing cost and how far they are from the truth, and where ways of drawing fail.
 //!
+//! [`scenes`] are made by the program itself, or by who calls; [`methods`] are the ways in which one can be drawn; [`measure`] draws them in turns and holds
+//! them against references; [`front`] finds the best; [`plot`] and [`mod@report`] show all.
+//!
 //! [`stability`] holds fifteen cases in which such methods break: each gives curves and verdicts, of ours and of what others do.
 //! [`baselines`] are what others do with depth images.
 //!

@@ -41,7 +41,8 @@ const FINEST: Order = slabs(0.5);
 ///
 /// 36 windows of 8×8 pixels, spread over the picture, are drawn in one way after another, from the quickest on, and the first is taken that is within
 /// half of the tolerance of the finest way at 99.9 % of the pixels that show anything. The picture is then drawn with what this
-/// gives, as often as is wanted: nothing changes from frame to frame. It costs about as much as a picture where the first ways fail.
+/// gives, as often as is wanted: nothing changes from frame to frame. On the scenes of
+/// `oblate chart` that took from a fifteenth of a picture's time to the whole of it, of 300,000 surfels that lie in rows eleven times as long.
 ///
 /// What is not left to the engine stays as it is. Kernels with opacities alone keep the order that defines them and the forms that their bounds ask for; there
 /// is nothing to try, but they are cut off by their opacity alone, which costs little. Surfaces by themselves need no order.

@@ -164,13 +164,7 @@ fn run() -> Findings {
     let spaces = [("linear", Role::Default), ("display", Role::Ours)];
     let mixes =
         spaces.iter().zip(right).map(|((name, role), points)| Curve::new(*name, *role, points)).collect();
-    let panel = |title: &str, x: Axis, y: &str, bound, curves| Panel {
-        title: title.into(),
-        x,
-        y: Axis::log(y),
-        bound: Some(bound),
-        curves,
-    };
+    let panel = Panel::of_errors;
     let panels = vec![
         panel(
             "A mesh and a splat of one colour",

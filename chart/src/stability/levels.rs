@@ -249,13 +249,7 @@ fn run() -> Findings {
     verdicts.push(at_most(Role::Ours, "tolerance 10⁻⁶", figure, worst(&by_fine), 1e-4));
     verdicts.push(failing(at_most(Role::Baseline, "culled by centres", figure, worst(&by_center), 1e-4)));
 
-    let panel = |title: &str, x: Axis, y: &str, bound, curves| Panel {
-        title: title.into(),
-        x,
-        y: Axis::log(y),
-        bound: Some(bound),
-        curves,
-    };
+    let panel = Panel::of_errors;
     let panels = vec![
         panel(
             "A ball of 33,000 kernels with levels of detail",

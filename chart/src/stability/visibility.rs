@@ -254,13 +254,7 @@ fn run() -> Findings {
             at_most(curve.role, &curve.name, "disc near its edge drawn too large, share", worst, 0.01);
         verdicts.push(if curve.role == Role::Baseline { failing(verdict) } else { verdict });
     }
-    let panel = |title: &str, x: Axis, y: &str, bound, curves| Panel {
-        title: title.into(),
-        x,
-        y: Axis::log(y),
-        bound: Some(bound),
-        curves,
-    };
+    let panel = Panel::of_errors;
     let panels = vec![
         panel(
             "Two parallel sheets, seen from the front and at a slant",
