@@ -282,7 +282,7 @@ impl Compositor<'_> {
             let number = todo.trailing_zeros() as usize % BATCH;
             todo &= todo - 1;
             let fragments = kernels.fragments(simd, number, pixels, (here.tile, &self.lens));
-            let Fragments { strength, depth, .. } = fragments;
+            let Fragments { strength, depth, sigma_z } = fragments;
             let [alpha, optical_depth] = if kernels.is_opacity(number) {
                 [strength, optical_depth(simd, strength)]
             } else {
@@ -298,6 +298,7 @@ impl Compositor<'_> {
                 alpha,
                 optical_depth,
                 depth,
+                sigma_z,
                 distance,
                 ray_length,
                 color,

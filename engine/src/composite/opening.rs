@@ -71,8 +71,9 @@ pub(super) struct Fragment<'a, S: Simd> {
     pub(super) corner: [f32; 2],
     pub(super) alpha: W<S>,
     pub(super) optical_depth: W<S>,
-    /// z, and the distance from the eye.
+    /// z and its spread, and the distance from the eye.
     pub(super) depth: W<S>,
+    pub(super) sigma_z: W<S>,
     pub(super) distance: W<S>,
     /// Of rays with z = 1.
     pub(super) ray_length: W<S>,

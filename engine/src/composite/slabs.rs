@@ -86,7 +86,8 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
         closing: &Closing,
         open: &mut OpenSlabs,
     ) {
-        let Fragment { kernels, number, corner, optical_depth, depth, distance, ray_length, .. } = fragment;
+        let Fragment { kernels, number, corner, optical_depth, depth, sigma_z, distance, ray_length, .. } =
+            fragment;
         let first = kernels.slabs.first[number];
         let Closing::Slabs(slabs) = closing else {
             self.close_before::<DEPTH>(simd, first, 0.0, open);
@@ -98,12 +99,13 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
             #[inline(always)]
             |[from, to]| [from * ray_length, to * ray_length],
         );
-        let matter = Matter { optical_depth, depth, distance, segment };
+        let inverse = kernels.inverse_spread(simd, number, (slabs, sigma_z * ray_length));
+        let matter = Matter { optical_depth, depth, distance, inverse, segment };
         if kernels.slabs.narrow >> number & 1 != 0 {
             self.close_before::<DEPTH>(simd, first, slabs.thickness(), open);
             let share = kernels.slabs.share(number, [first, first + 1]);
             let plane = slabs.begin(first + 1);
-            let x = (W::simd_from(simd, plane) - distance) * share.inverse;
+            let x = (W::simd_from(simd, plane) - distance) * inverse;
             let share = Cumulative::new(simd, &share, &matter).before(simd, x);
             self.share_between::<DEPTH>(simd, (kernels, number), (matter, share), slabs);
             return;
@@ -176,7 +178,8 @@ impl<S: Simd> Slabbed<S> {
             } else {
                 [share; 2]
             };
-            let matter = Matter { optical_depth, depth, distance, segment: None };
+            let inverse = W::simd_from(simd, kernels.slabs.inverse(number));
+            let matter = Matter { optical_depth, depth, distance, inverse, segment: None };
             self.share_between::<DEPTH>(simd, (kernels, number), (matter, share), slabs);
         }
     }
@@ -217,10 +220,7 @@ impl<S: Simd> Slabbed<S> {
         let nearer = matter.optical_depth * share;
         let depths = [self.first, self.first + 1].each(
             #[inline(always)]
-            |slab| {
-                let slab = (slabs.begin(slab), slabs.thickness());
-                matter.depth_in::<DEPTH>(simd, slab, kernels.slabs.inverse(number))
-            },
+            |slab| matter.depth_in::<DEPTH>(simd, (slabs.begin(slab), slabs.thickness())),
         );
         self.end = self.end.max(self.first + 2);
         self.near[0].add::<DEPTH>(simd, (nearer, depths[0]), color);
@@ -245,7 +245,8 @@ impl<S: Simd> Slabbed<S> {
             let depth = if DEPTH { kernels.depth_at(simd, number, pixels) } else { optical_depth };
             let distance = kernels.affine_distance(simd, number, pixels);
             let range = kernels.slabs_in(number, corner, slabs);
-            let matter = Matter { optical_depth, depth, distance, segment: None };
+            let inverse = W::simd_from(simd, kernels.slabs.inverse(number));
+            let matter = Matter { optical_depth, depth, distance, inverse, segment: None };
             open.add::<S, DEPTH>(simd, (kernels, number, range), matter, slabs);
         }
         self.load_near(simd, open);

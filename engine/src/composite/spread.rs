@@ -11,24 +11,21 @@ pub(super) struct Matter<S: Simd> {
     /// z, and the distance from the eye, where it is densest.
     pub(super) depth: W<S>,
     pub(super) distance: W<S>,
+    /// 1/σ of the spread.
+    pub(super) inverse: W<S>,
     /// The distances between which all of it lies, of a share.
     pub(super) segment: Option<[W<S>; 2]>,
 }
 
 impl<S: Simd> Matter<S> {
-    /// The mean z of what lies in a slab from a distance on, of a spread with an inverse σ: as of a box with that σ.
+    /// The mean z of what lies in a slab from a distance on: as of a box with the σ of the spread.
     #[inline(always)]
-    pub(super) fn depth_in<const DEPTH: bool>(
-        &self,
-        simd: S,
-        (from, thickness): (f32, f32),
-        inverse: f32,
-    ) -> W<S> {
+    pub(super) fn depth_in<const DEPTH: bool>(&self, simd: S, (from, thickness): (f32, f32)) -> W<S> {
         if !DEPTH {
             return self.depth;
         }
         let (begin, end) = (W::simd_from(simd, from), W::simd_from(simd, from + thickness));
-        let half = 0.5 * BOX / inverse;
+        let half = W::simd_from(simd, 0.5 * BOX) / self.inverse;
         let ends = [self.distance - half, self.distance + half].each(
             #[inline(always)]
             |end_of_box| end_of_box.max(begin).min(end),
@@ -58,9 +55,9 @@ struct CutOff<S: Simd> {
 impl<S: Simd> Cumulative<S> {
     #[inline(always)]
     pub(super) fn new(simd: S, share: &SlabShare, matter: &Matter<S>) -> Self {
-        let SlabShare { inverse, normal_part, .. } = *share;
+        let normal_part = share.normal_part;
         let Some([from, to]) = matter.segment else { return Self { normal_part, cut: None } };
-        let [from, to] = [(from - matter.distance) * inverse, (to - matter.distance) * inverse];
+        let [from, to] = [(from - matter.distance) * matter.inverse, (to - matter.distance) * matter.inverse];
         // A box ends at √3, and a tenth of it is beyond 1.4; 0.6 % of a normal distribution is beyond 2.5.
         let reach = W::simd_from(simd, normal_part.mul_add(2.5 - 1.4, 1.4));
         let zero = W::simd_from(simd, 0.0);

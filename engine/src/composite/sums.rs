@@ -90,12 +90,14 @@ impl OpenSlabs {
     ) {
         let color = kernels.color(number);
         let share = kernels.slabs.share(number, [first, last]);
-        let Matter { optical_depth, distance, .. } = matter;
+        let Matter { optical_depth, distance, inverse, .. } = matter;
         let cumulative = Cumulative::new(simd, &share, &matter);
         // How far the ends of slabs are behind the kernel, in its σ.
-        let mut x = (W::simd_from(simd, slabs.begin(first)) - distance) * share.inverse;
-        let step = slabs.thickness() * share.inverse;
-        let mut passed = W::simd_from(simd, 0.0);
+        let mut x = (W::simd_from(simd, slabs.begin(first)) - distance) * inverse;
+        let step = inverse * slabs.thickness();
+        // No share is negative, which rounding may make it: of a large enough optical depth it would be a light.
+        let zero = W::simd_from(simd, 0.0);
+        let mut passed = zero;
         if share.goes_on {
             passed = optical_depth * cumulative.before(simd, x);
         }
@@ -103,16 +105,16 @@ impl OpenSlabs {
         for slab in first..last {
             x += step;
             let until = optical_depth * cumulative.before(simd, x);
-            let depth = matter.depth_in::<DEPTH>(simd, (slabs.begin(slab), slabs.thickness()), share.inverse);
-            self.slab(slab).add::<S, DEPTH>(simd, (until - passed, depth), color);
+            let depth = matter.depth_in::<DEPTH>(simd, (slabs.begin(slab), slabs.thickness()));
+            self.slab(slab).add::<S, DEPTH>(simd, ((until - passed).max(zero), depth), color);
             passed = until;
         }
         let mut until = optical_depth;
         if !share.ends {
             until *= cumulative.before(simd, x + step);
         }
-        let depth = matter.depth_in::<DEPTH>(simd, (slabs.begin(last), slabs.thickness()), share.inverse);
-        self.slab(last).add::<S, DEPTH>(simd, (until - passed, depth), color);
+        let depth = matter.depth_in::<DEPTH>(simd, (slabs.begin(last), slabs.thickness()));
+        self.slab(last).add::<S, DEPTH>(simd, ((until - passed).max(zero), depth), color);
     }
 }
 

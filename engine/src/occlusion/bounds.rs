@@ -1,6 +1,7 @@
 //! Where a visible range is in the picture, at most, and how near.
 
 use crate::camera::{Camera, Projection};
+use crate::closing::SLAB_REACH;
 use crate::cull::VisibleRange;
 use crate::footprint::{Lens, Rect};
 use crate::raster::{KERNEL_REACH, STEEPEST, SURFEL_REACH};
@@ -8,9 +9,6 @@ use glam::{DAffine3, DVec2, DVec3};
 
 /// What f32 may be off by, as a share of how far a range is.
 const ROUNDING: f64 = 1e-5;
-
-/// How far a kernel reaches into slabs, in σ and without a slab: from its densest points, 3.5 σ from its centre at a usual cut-off.
-const SLAB_REACH: f64 = 2.5;
 
 /// A camera, as bounds need it.
 pub(super) struct Sight {
@@ -125,8 +123,11 @@ impl Bounds {
         };
         let slack = sight.slack(range);
         let is_in_slabs = !range.is_surface && sight.thickness > 0.0;
-        let within_slabs =
-            if is_in_slabs { (SLAB_REACH + sight.root_cutoff) * filtered + sight.thickness } else { 0.0 };
+        let within_slabs = if is_in_slabs {
+            (f64::from(SLAB_REACH) + sight.root_cutoff) * filtered + sight.thickness
+        } else {
+            0.0
+        };
         let beyond = if range.is_surface { SURFEL_REACH } else { KERNEL_REACH } + sight.root_cutoff;
         let plane = if range.is_surface { sight.plane_reach(center.z + radius) } else { 0.0 };
         let near = nearest - beyond * filtered - plane;

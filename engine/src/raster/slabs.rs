@@ -102,7 +102,6 @@ impl SlabColumns {
     pub(crate) fn share(&self, number: usize, [first, last]: [u32; 2]) -> SlabShare {
         let has = |set: u64| set >> number & 1 != 0;
         SlabShare {
-            inverse: self.inverse[number],
             normal_part: self.normal_part[number],
             goes_on: !has(self.begin) && first == self.first[number],
             ends: has(self.end) || last < self.last[number],
@@ -113,7 +112,6 @@ impl SlabColumns {
 /// See [`SlabColumns::share`].
 pub(crate) struct SlabShare {
     /// See [`Spread`].
-    pub(crate) inverse: f32,
     pub(crate) normal_part: f32,
     /// Whether slabs before the first one have had their share.
     pub(crate) goes_on: bool,
@@ -238,6 +236,22 @@ impl Kernels {
     #[inline(always)]
     pub(crate) fn distance<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2], exact: W<S>) -> W<S> {
         if self.outlines.is_exact(number) { exact } else { self.affine_distance(simd, number, pixels) }
+    }
+
+    /// 1/σ of the spread of a kernel of any form at pixels, whose σ along rays is `exact` if it is in the exact form.
+    #[inline(always)]
+    pub(crate) fn inverse_spread<S: Simd>(
+        &self,
+        simd: S,
+        number: usize,
+        (slabs, exact): (&Slabs, W<S>),
+    ) -> W<S> {
+        if self.outlines.is_exact(number) {
+            // Never 0: what is infinitely far away would have no share that is a number.
+            slabs.spread(simd, exact).inverse.max(W::simd_from(simd, 1e-30))
+        } else {
+            W::simd_from(simd, self.slabs.inverse[number])
+        }
     }
 
     /// The slabs that a record, or a piece of one, may touch in the block with a corner.
