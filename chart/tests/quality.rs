@@ -89,16 +89,32 @@ fn no_figure_is_worse_than_the_committed_one() {
 }
 
 #[test]
-fn the_default_keeps_to_its_tolerance() {
-    // What 99.9 % of the pixels are off by, over the tolerance: 1 but for what is named here.
-    let exceptions = [("staged", 1.25)];
+fn pictures_keep_to_their_tolerance() {
+    // Two pixels in a thousand of the window, on the silhouette of a mesh; in the whole picture there are fewer.
+    let exceptions = [
+        ("mixed", "tolerance 0.5/255", 1.6),
+        ("mixed", "tolerance 4/255", 1.01),
+        ("mixed", "tolerance 8/255", 3.2),
+    ];
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/quality.json");
     let text = std::fs::read_to_string(path).expect("the figures are committed");
     let committed: Quality = serde_json::from_str(&text).expect("the figures are JSON");
     for (scene, ways) in &committed {
-        let most = exceptions.iter().find(|(name, _)| name == scene).map_or(1.0, |(_, most)| *most);
-        let share = ways["default"].p999[0] * 255.0;
-        println!("{scene}: {share:.2} of the tolerance");
-        assert!(share <= most, "{scene}: {share}");
+        // What 99.9 % of the pixels are off by, over the tolerance.
+        let mut count = 0;
+        for (way, figures) in ways {
+            let levels = match way.strip_prefix("tolerance ").and_then(|rest| rest.strip_suffix("/255")) {
+                _ if way == "default" => 1.0,
+                Some(levels) => levels.parse::<f64>().expect("a number of levels"),
+                None => continue,
+            };
+            let share = figures.p999[0] * 255.0 / levels;
+            println!("{scene}, {way}: {share:.2} of the tolerance");
+            let exception = exceptions.iter().find(|(name, own, _)| name == scene && own == way);
+            let most = exception.map_or(1.0, |(.., most)| *most);
+            assert!(share <= most, "{scene}, {way}: {share}");
+            count += 1;
+        }
+        assert_eq!(count, 6, "{scene}: the default and five other tolerances");
     }
 }

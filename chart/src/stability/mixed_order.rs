@@ -79,7 +79,7 @@ fn mixes() -> Vec<Mix> {
             ..mix("splats in a volume", vec![], vec![haze(11, 0.22, 0.6), trained(60, 0.2)])
         },
         mix("two volumes", vec![], vec![left, other(0.22, 0.8).transformed(tilt)]),
-        // Splats near the eye are as large as the rest and overlap more.
+        // Slabs of half a σ are right here.
         Mix {
             misses: [true; 2],
             camera: Camera::perspective(inside, 1.0, [SIDE; 2]).expect("the angle is in range"),
