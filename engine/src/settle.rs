@@ -48,8 +48,7 @@ const FINEST: Order = slabs(0.5);
 /// gives, as often as is wanted: nothing changes from frame to frame.
 ///
 /// What is not left to the engine stays as it is. Kernels with opacities alone keep the order that defines them and the forms that their bounds ask for; there
-/// is nothing to try, but they are cut off by their opacity alone, which costs little. Surfaces by themselves stay as they are, too: they need no
-/// order, and their bounds tell them well.
+/// is nothing to try, but they are cut off by their opacity alone, which costs little. Surfaces by themselves need no order.
 ///
 /// # Errors
 /// Those of [`crate::render()`].
@@ -63,10 +62,7 @@ pub fn settle(
     if scene.is_sorted_by_definition() && settings.order == Order::Auto {
         return Ok(RenderSettings { order: Order::Centers, cutoff: opacities_end(settings), ..*settings });
     }
-    if scene.clouds.iter().all(|cloud| cloud.is_surface()) {
-        return Ok(*settings);
-    }
-    let ways = ways(settings);
+    let ways = ways(scene, settings);
     let [others @ .., last] = &ways[..] else { return Ok(*settings) };
     let windows = windows(camera);
     if others.is_empty() || windows.is_empty() {
@@ -101,8 +97,12 @@ fn opacities_end(settings: &RenderSettings) -> f64 {
 }
 
 /// The ways that the settings allow, from the quickest to the finest.
-fn ways(settings: &RenderSettings) -> Vec<(Order, FootprintForm)> {
-    let order = (settings.order != Order::Auto).then_some(settings.order);
+fn ways(scene: &Scene, settings: &RenderSettings) -> Vec<(Order, FootprintForm)> {
+    let order = match settings.order {
+        Order::Auto if scene.clouds.iter().all(|cloud| cloud.is_surface()) => Some(Order::Auto),
+        Order::Auto => None,
+        order => Some(order),
+    };
     let mut ways = Vec::new();
     for (own, form) in WAYS {
         let form = if settings.footprint == FootprintForm::Auto { form } else { settings.footprint };
