@@ -199,9 +199,9 @@ fn ticks(axis: &Axis) -> TickFormat {
     if axis.is_log { powers() } else { TickFormat::Auto }
 }
 
-/// 0.5, 2, 10, 200.
+/// 0.5, 2, 10, 200, 5k.
 fn plain_ticks() -> TickFormat {
-    TickFormat::Custom(Arc::new(|x| format!("{x}")))
+    TickFormat::Custom(Arc::new(|x| if x < 1e3 { format!("{x}") } else { format!("{}k", x / 1e3) }))
 }
 
 /// Numbers near 1 as they are, others as powers of ten.
