@@ -58,6 +58,7 @@ impl Report<'_> {
         let mut files = Vec::new();
         let mut page = head(self.machine);
         if !self.measured.is_empty() {
+            page += WORDS;
             page += &advice(self.measured);
             if self.measured.len() > 1 {
                 page += &kept(&mut files, "overview", crate::plot::overview(self.measured)?);
@@ -123,12 +124,29 @@ fn head(machine: &Machine) -> String {
          <meta name=\"viewport\" content=\"width=device-width\"><style>{STYLE}</style></head><body><main>\n\
          <h1>Speed against accuracy</h1>\n\
          <p>oblate {version} on {threads} threads of {processor} ({instructions}; {system}): <code>{command}</code></p>\n\
-         <p>Each scene is drawn in every way that fits it, in turns; times are medians of a whole picture, the quickest and the slowest \
+         <p>Each scene is drawn in every way that has a meaning for it, in turns; times are medians of a whole picture, the quickest and the slowest \
          beside them. Errors are those of a channel, where white is 1, in the space in which the scene is blended. <b>R1</b> integrates the same \
-         filtered splats exactly along each pixel's ray: it shows what order, overlap and footprint cost. <b>R2</b> takes the splats as they are and many rays a \
-         pixel: it shows what filtering them one by one costs, too. A line at 1/255 is one step of an 8-bit picture.</p>\n"
+         filtered splats exactly along each pixel's ray (trained splats by themselves are defined by sorted centres: there it sorts them): it shows what order, overlap \
+         and footprint cost. <b>R2</b> takes the splats as they are and many rays a pixel: it also shows the error of filtering each splat separately. In charts \
+         both axes are logarithmic, and lower left is better; the dashed line at 1/255 is one step of an 8-bit picture. A way is among the best, on the grey line and in blue rows, \
+         if no other is no worse in both time and error and better by a tenth in one.</p>\n"
     )
 }
+
+/// The names of ways and the options that ask for them.
+const WORDS: &str = "<details><summary>What the ways are, and the options for them</summary><table>\
+    <tr><td>default; tolerance t</td><td>nothing, 1/255; <code>--tolerance t</code></td><td>order and form are found by trial, so that errors stay within t</td></tr>\
+    <tr><td>centers</td><td><code>--order centers</code></td><td>splats one after the other, sorted by their centres, as most programs do</td></tr>\
+    <tr><td>per pixel</td><td><code>--order per-pixel</code></td><td>sorted in each pixel</td></tr>\
+    <tr><td>slabs xσ</td><td><code>--slab-thickness x</code></td><td>summed in layers as thick as x times the kernels' median σ, and the layers composited</td></tr>\
+    <tr><td>layers</td><td></td><td>surfaces alone, which need no order: samples of one sheet are averaged</td></tr>\
+    <tr><td>points, affine, exact; each its form</td><td><code>--footprint point|affine|exact|auto</code></td><td>round spots; ellipses; \
+    true perspective of a splat; what each splat's own bound asks for</td></tr>\
+    <tr><td>cut off at ρ</td><td></td><td>splats end at √ρ σ; 12.25 unless something is said, beyond that where the default finds it needed</td></tr>\
+    <tr><td>low-pass v px²</td><td><code>--low-pass v</code></td><td>variance of the pixel's filter, 0.3 by default</td></tr>\
+    <tr><td>every splat; budget</td><td><code>--level-of-detail off</code>; <code>--budget N</code></td><td>no levels of detail; so many splats at most</td></tr>\
+    <tr><td>α = τ, uncorrected, axis sheets</td><td></td><td>how others do it: opacity by Taylor's series, slabs without their own spread taken off, sheets of the grid</td></tr>\
+    </table></details>\n";
 
 const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;color:#222;background:#fff;margin:0}main{max-width:1120px;margin:auto;padding:1em}\
     table{border-collapse:collapse;margin:1em 0;font-size:13px}td,th{padding:.15em .7em;text-align:right;border-bottom:1px solid #ddd}\
@@ -143,9 +161,10 @@ fn escaped(text: &str) -> String {
 /// Which way to draw each scene.
 fn advice(all: &[Measured]) -> String {
     let mut text = String::from(
-        "<h2>Which way to draw</h2>\n<p>The default keeps to 1/255 in 999 pixels of 1000 where its error is in green. The quickest is the fastest \
-         way that does; the most accurate is the slowest way worth its time. What the default is, is found by trial in windows of each scene (it took the time in the last \
-         column, once).</p>\n<table><tr><th>scene</th><th>the default is</th><th>ms</th><th>error of 99.9 %</th>\
+        "<h2>Which way to draw</h2>\n<p>Errors to R1 of 999 pixels in 1000 of its window; the default's is green where it keeps to 1/255, red where it \
+         does not, and beside it stands its error to the second reference. The quickest is the fastest way within 1/255; the most accurate is the quickest of those that \
+         come within a fifth of the least error. oblate chooses the default by drawing small windows first: this takes the time in the last column, once for a scene.</p>\n\
+         <table><tr><th>scene</th><th>the default is</th><th>ms</th><th>error to R1</th><th>to the second</th>\
          <th>quickest within 1/255</th><th>ms</th><th>error</th><th>most accurate</th><th>ms</th><th>error</th><th>trial, ms</th></tr>\n",
     );
     for measured in all {
@@ -154,8 +173,9 @@ fn advice(all: &[Measured]) -> String {
         let error = |row: &Row| row.errors[0].map_or(f64::INFINITY, |errors| errors.p999);
         let within = measured.rows.iter().filter(ours).filter(|row| error(row) <= LEVEL);
         let quickest = within.min_by(|a, b| a.median_ms.total_cmp(&b.median_ms));
-        let best = measured.rows.iter().filter(ours).filter(|row| row.is_best[0]);
-        let closest = best.min_by(|a, b| error(a).total_cmp(&error(b)));
+        let least = measured.rows.iter().filter(ours).map(error).fold(f64::INFINITY, f64::min);
+        let close = measured.rows.iter().filter(ours).filter(|row| error(row) <= 1.2 * least);
+        let closest = close.min_by(|a, b| a.median_ms.total_cmp(&b.median_ms));
         let Some(default) = measured.rows.first() else { continue };
         let cells = |row: Option<&Row>| match row {
             Some(row) => format!(
@@ -169,7 +189,7 @@ fn advice(all: &[Measured]) -> String {
         let class = if error(default) <= LEVEL { "passes" } else { "fails" };
         let _ = writeln!(
             text,
-            "<tr><td><a href=\"#{0}\">{0}</a></td><td>{5}</td><td>{1}</td><td class=\"{class}\">{2}</td>{3}{4}<td>{6}</td></tr>",
+            "<tr><td><a href=\"#{0}\">{0}</a></td><td>{5}</td><td>{1}</td><td class=\"{class}\">{2}</td><td>{7}</td>{3}{4}<td>{6}</td></tr>",
             escaped(&measured.name),
             milliseconds(default.median_ms),
             small(error(default)),
@@ -177,6 +197,7 @@ fn advice(all: &[Measured]) -> String {
             cells(closest),
             default.settled.as_ref().map_or(String::new(), |(way, _)| escaped(way)),
             default.settled.as_ref().map_or(String::new(), |(_, ms)| milliseconds(*ms)),
+            default.errors[1].map_or(String::new(), |errors| small(errors.p999)),
         );
     }
     text + "</table>\n"
@@ -186,7 +207,7 @@ fn subject(measured: &Measured, files: &mut Vec<File>) -> Result<String, PlotErr
     let name = escaped(&measured.name);
     let [[.., w1, h1], [.., w2, h2]] = measured.windows;
     let mut text = format!(
-        "<h2 id=\"{name}\">{name}</h2>\n<p>{}</p>\n<p>{} splats, {}×{} pixels; {} on {w1}×{h1} of them, {} on {w2}×{h2}.</p>\n",
+        "<h2 id=\"{name}\">{name}</h2>\n<p>{}</p>\n<p>{} splats in the scene, {}×{} pixels; {} in a window of {w1}×{h1}; {} in one of {w2}×{h2}.</p>\n",
         escaped(&measured.about),
         measured.splats,
         measured.size[0],
@@ -210,12 +231,13 @@ fn subject(measured: &Measured, files: &mut Vec<File>) -> Result<String, PlotErr
     let [first, second] = measured.references.each_ref().map(|name| escaped(name));
     let _ = writeln!(
         text,
-        "<details open><summary>All ways of drawing</summary><table><tr><th>way</th><th>ms</th><th>from, to</th><th>splats</th>\
+        "<details open><summary>All ways of drawing</summary><table><tr><th>way</th><th>ms</th><th>quickest, slowest</th><th>splats drawn</th>\
          <th>{first}: PSNR</th><th>99.9 %</th><th>largest</th><th>SSIM</th><th>{second}: PSNR</th><th>99.9 %</th><th>largest</th><th>SSIM</th></tr>"
     );
     for (place, row) in measured.rows.iter().enumerate() {
         let class = match (place, row.is_best[0]) {
-            (0, _) => "first",
+            (0, true) => "first best",
+            (0, false) => "first",
             (_, true) => "best",
             _ => "",
         };

@@ -42,7 +42,7 @@ pub(super) fn warp(scale: Scale) -> Result<Subject, SubjectError> {
     Ok(Subject {
         name: "warp".into(),
         about: "A photograph with depths, seen from a quarter of a metre beside it; making the surfels counts as drawing. What is right is \
-                known: the room itself, traced. What the photograph does not show is left out."
+                known: the room itself, traced. What the photograph does not show is not counted in the errors."
             .into(),
         scene: first,
         camera: view,
