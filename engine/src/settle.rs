@@ -71,16 +71,12 @@ pub fn settle(
     let nothing = Scene::default();
     let empty = drawn(&nothing, &windows[..1], settings, *last)?[0];
     let farther = RenderSettings { cutoff: opacities_end(settings), ..*settings };
-    // Surfels' outlines end at the cut-off, wherever that is.
-    let may_end_farther =
-        !scene.clouds.iter().any(|cloud| cloud.is_surface()) && farther.cutoff > settings.cutoff;
     let ends = |settings: &RenderSettings| drawn(scene, &windows, settings, ways[0]);
-    let settings = match may_end_farther {
-        true if error(&ends(&farther)?, &ends(settings)?, empty) > SHARE_OF_ENDS * settings.tolerance => {
-            &farther
-        }
-        _ => settings,
-    };
+    // Surfels' outlines end at the cut-off, wherever that is.
+    let is_cut_short = farther.cutoff > settings.cutoff
+        && !scene.clouds.iter().any(|cloud| cloud.is_surface())
+        && error(&ends(&farther)?, &ends(settings)?, empty) > SHARE_OF_ENDS * settings.tolerance;
+    let settings = if is_cut_short { &farther } else { settings };
     let truth = drawn(scene, &windows, settings, *last)?;
     for way in others {
         let found = drawn(scene, &windows, settings, *way)?;
