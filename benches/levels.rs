@@ -52,6 +52,7 @@ fn draw(criterion: &mut Criterion, [group, name]: [&str; 2], scene: &Scene, view
     });
     let Counts { splats, culled, occluded, visible, merged, .. } = *told.0.lock().expect("nobody panics");
     if visible > 0 {
+        println!("    {:.1} bytes a splat", scene.bytes() as f64 / splats as f64);
         println!(
             "    {splats} splats: {culled} culled, {occluded} occluded, {visible} drawn, {merged} of them merged"
         );

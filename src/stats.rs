@@ -76,6 +76,8 @@ pub(crate) struct FrameTimes {
 pub(crate) struct Stats {
     /// Splats in the scene.
     pub(crate) splats: u64,
+    /// Memory of the splats and their levels of detail in bytes; what instances share counts once.
+    pub(crate) splat_bytes: usize,
     /// Splats, of whatever level of detail, that were not projected because they lie outside the picture; null when a reference
     /// drew it.
     pub(crate) culled: Option<u64>,

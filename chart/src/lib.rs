@@ -17,3 +17,4 @@ pub mod plot;
 pub mod report;
 pub mod scenes;
 pub mod stability;
+mod windows;

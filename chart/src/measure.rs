@@ -3,10 +3,10 @@
 use crate::front::front;
 use crate::methods::{Family, Method, methods, way};
 use crate::scenes::{Known, Peer, Scale, Subject};
-use glam::{DVec2, UVec2};
+use crate::windows::{Window, Windows};
 use oblate_engine::color::{linear_to_srgb, srgb_to_linear};
 use oblate_engine::{
-    Blend, Camera, CameraError, Channels, Counts, Frame, MetricsError, Observer, Pixels, ReferenceKind,
+    Blend, CameraError, Channels, Counts, Frame, Metrics, MetricsError, Observer, Pixels, ReferenceKind,
     RenderSettings, Renderer, Scene, SceneError, Stage, compare, reference, settle,
 };
 use serde::Serialize;
@@ -27,9 +27,9 @@ pub trait Watch: Sync {
 pub struct Plan {
     /// Pictures that times are taken of, after one that warms up.
     pub frames: usize,
-    /// Pixels along a side of the window that R1 draws.
+    /// Pixels along a side of what R1 draws: sixteen windows, four in a row.
     pub r1_side: u32,
-    /// Pixels along a side of the window that R2 draws.
+    /// Pixels along a side of what R2 draws.
     pub r2_side: u32,
     /// Its rays a pixel.
     pub r2_rays: u32,
@@ -68,8 +68,8 @@ pub struct Measured {
     pub size: [u32; 2],
     /// What errors are to: R1, and R2 or what is known.
     pub references: [String; 2],
-    /// Left, top, width, height in pixels of what each reference draws.
-    pub windows: [[u32; 4]; 2],
+    /// Left, top, width, height in pixels of the parts that each reference draws.
+    pub windows: [Vec<[u32; 4]>; 2],
     /// The ways of drawing; the first is the default.
     pub rows: Vec<Row>,
     /// What people look at: the whole picture, and parts of it beside what is right there.
@@ -124,38 +124,10 @@ pub struct Picture {
     pub values: Vec<[f32; 3]>,
 }
 
-/// A part of a picture.
-#[derive(Clone, Copy, Debug)]
-struct Window {
-    low: UVec2,
-    size: UVec2,
-}
-
-impl Window {
-    /// A square about a place, moved into the picture.
-    fn new(camera: &Camera, focus: DVec2, side: u32) -> Self {
-        let whole = UVec2::from(camera.size());
-        let size = UVec2::splat(side).min(whole);
-        let middle = (whole.as_dvec2() * focus).as_ivec2() - size.as_ivec2() / 2;
-        Self { low: middle.clamp(glam::IVec2::ZERO, (whole - size).as_ivec2()).as_uvec2(), size }
-    }
-
-    /// A camera that sees just this part.
-    fn camera(&self, camera: &Camera) -> Result<Camera, CameraError> {
-        camera.part(self.low.as_ivec2().into(), self.size.into())
-    }
-
-    fn cut<T: Copy>(&self, whole: &[T], width: usize) -> Vec<T> {
-        let [x, y] = self.low.to_array().map(|v| v as usize);
-        let [w, h] = self.size.to_array().map(|v| v as usize);
-        (y..y + h).flat_map(|row| whole[row * width + x..][..w].iter().copied()).collect()
-    }
-}
-
-/// What is right in a window.
+/// What is right in parts of the picture.
 struct Truth {
     name: String,
-    window: Window,
+    windows: Windows,
     values: Vec<[f32; 4]>,
     /// Pixels that count.
     counts: Option<Vec<bool>>,
@@ -167,24 +139,28 @@ impl Truth {
         (name, kind, side): (&str, ReferenceKind, u32),
         watch: &dyn Watch,
     ) -> Result<Self, MeasureError> {
-        let window = Window::new(&subject.camera, subject.focus, side);
-        let camera = window.camera(&subject.camera)?;
+        let windows = Windows::spread(&subject.camera, side);
         let work = format!("{}: {name}", subject.name);
-        let rows = f64::from(window.size.y);
-        let progress = |row: usize| watch.at(&work, row as f64 / rows);
-        let frame = reference(&subject.scene, &camera, &subject.settings, kind, &progress)?;
-        let values = values(&frame, subject.settings.blend);
-        Ok(Self { name: name.into(), window, values, counts: None })
+        let mut drawn = Vec::with_capacity(windows.parts.len());
+        for (number, Window { low, size }) in windows.parts.iter().enumerate() {
+            let camera = subject.camera.part(low.as_ivec2().into(), (*size).into())?;
+            watch.at(&work, number as f64 / windows.parts.len() as f64);
+            let frame = reference(&subject.scene, &camera, &subject.settings, kind, &|_| ())?;
+            drawn.push(values(&frame, subject.settings.blend));
+        }
+        let width = windows.parts[0].size.x as usize;
+        let values = windows.joined(|number, [x, y]| drawn[number][y * width + x]);
+        Ok(Self { name: name.into(), windows, values, counts: None })
     }
 
     fn known(subject: &Subject, known: &Known) -> Self {
-        let window = Window { low: UVec2::ZERO, size: subject.camera.size().into() };
+        let windows = Windows::whole(&subject.camera);
         let values = values(&known.frame, subject.settings.blend);
-        Self { name: known.name.clone(), window, values, counts: Some(known.counts.clone()) }
+        Self { name: known.name.clone(), windows, values, counts: Some(known.counts.clone()) }
     }
 
     fn errors(&self, whole: &[[f32; 4]], width: usize) -> Result<Errors, MetricsError> {
-        let mut found = self.window.cut(whole, width);
+        let mut found = self.windows.cut(whole, width);
         if let Some(counts) = &self.counts {
             for ((value, right), counts) in found.iter_mut().zip(&self.values).zip(counts) {
                 if !counts {
@@ -192,17 +168,32 @@ impl Truth {
                 }
             }
         }
-        let [w, h] = self.window.size.to_array().map(|v| v as usize);
-        let pixels = |values| Pixels { width: w, height: h, channels: 4, values };
-        let metrics = compare(pixels(found.as_flattened()), pixels(self.values.as_flattened()))?;
+        let metrics = compare_in(self.windows.size(), &found, &self.values)?;
+        // Structures don't reach from one part into the next.
+        let own = self.windows.parts[0].size.to_array().map(|side| side as usize);
+        let mut ssim = 0.0;
+        for number in 0..self.windows.parts.len() {
+            let [found, right] = [&found, &self.values].map(|all| self.windows.part(all, number));
+            ssim += compare_in(own, &found, &right)?.ssim;
+        }
         Ok(Errors {
             psnr_db: Some(metrics.psnr_db).filter(|db| db.is_finite()),
             p999: metrics.p999_error,
             max: metrics.max_error,
             mean: metrics.mean_error,
-            ssim: metrics.ssim,
+            ssim: ssim / self.windows.parts.len() as f64,
         })
     }
+}
+
+fn compare_in(
+    [width, height]: [usize; 2],
+    found: &[[f32; 4]],
+    right: &[[f32; 4]],
+) -> Result<Metrics, MetricsError> {
+    let [found, right] =
+        [found, right].map(|values| Pixels { width, height, channels: 4, values: values.as_flattened() });
+    compare(found, right)
 }
 
 /// A frame's values in the space of blending: linear light or display-encoded, premultiplied.
@@ -296,14 +287,17 @@ pub fn measure(subject: &Subject, plan: &Plan, watch: &dyn Watch) -> Result<Meas
         let best = front(&points.collect::<Vec<_>>());
         rows.iter_mut().zip(best).for_each(|(row, is_best)| row.is_best[which] = is_best);
     }
-    let corners = |window: &Window| [window.low.x, window.low.y, window.size.x, window.size.y];
+    let corners = |truth: &Truth| {
+        let corners = |window: &Window| [window.low.x, window.low.y, window.size.x, window.size.y];
+        truth.windows.parts.iter().map(corners).collect()
+    };
     Ok(Measured {
         name: subject.name.clone(),
         about: subject.about.clone(),
         splats: subject.scene.clouds.iter().map(|cloud| cloud.len() as u64).sum(),
         size: subject.camera.size(),
         references: [r1.name.clone(), second.name.clone()],
-        windows: [corners(&r1.window), corners(&second.window)],
+        windows: [corners(&r1), corners(&second)],
         rows,
         pictures: pictures(subject, [&r1, &second], &contenders),
     })
@@ -325,7 +319,7 @@ fn row(contender: &Contender<'_>, errors: [Option<Errors>; 2]) -> Row {
     }
 }
 
-/// A way that has been timed for so long in all is timed no more.
+/// A way that has been timed for so long in all is timed no more, and one that takes as long by itself needs nothing to warm up.
 const ENOUGH_MS: f64 = 400.0;
 
 /// Draws in every way, again and again in turns, so that what else the machine does meets all alike.
@@ -359,6 +353,10 @@ fn race<'a>(
     let mut renderer = Renderer::new();
     let work = format!("{}: {} ways of drawing", subject.name, contenders.len());
     let rounds = plan.frames + 1;
+    // Its buffers are made before anything is timed.
+    if let Some(first) = contenders.first_mut() {
+        first.draw(subject, &mut renderer, true)?;
+    }
     let mut refused = Vec::new();
     for round in 0..rounds {
         for (place, contender) in contenders.iter_mut().enumerate() {
@@ -369,10 +367,11 @@ fn race<'a>(
             }
             let begun = watch.now();
             let is_drawn = contender.draw(subject, &mut renderer, round == 0)?;
+            let took = (watch.now() - begun).as_secs_f64() * 1e3;
             if !is_drawn {
                 refused.push(place);
-            } else if round > 0 {
-                contender.times.push((watch.now() - begun).as_secs_f64() * 1e3);
+            } else if round > 0 || took > ENOUGH_MS {
+                contender.times.push(took);
             }
         }
         for place in refused.drain(..).rev() {
@@ -429,7 +428,7 @@ fn pictures(subject: &Subject, truths: [&Truth; 2], contenders: &[Contender<'_>]
     // People judge a known picture by what it shows, others by what splats should show.
     let truth = truths[usize::from(subject.known.is_some())];
     let width = subject.camera.size()[0] as usize;
-    let size = truth.window.size.to_array().map(|side| side as usize);
+    let size = truth.windows.size();
     let shown = |name: String, pixel: &dyn Fn(usize) -> [f32; 3]| Picture {
         name,
         size,
@@ -442,24 +441,34 @@ fn pictures(subject: &Subject, truths: [&Truth; 2], contenders: &[Contender<'_>]
     let mut all = Vec::new();
     if let Some(default) = contenders.first().filter(|_| subject.known.is_none()) {
         let whole = subject.camera.size().map(|side| side as usize);
-        let values = default.values.iter().map(|pixel| display(*pixel)).collect();
-        all.push(Picture { name: "the whole picture".into(), size: whole, values });
+        let mut values: Vec<_> = default.values.iter().map(|pixel| display(*pixel)).collect();
+        truth.windows.parts.iter().for_each(|window| window.frame(&mut values, whole));
+        all.push(Picture {
+            name: "the whole picture; its parts in frames follow".into(),
+            size: whole,
+            values,
+        });
     }
     all.push(shown(truth.name.clone(), &|at| display(truth.values[at])));
     let compared = |name: &str| contenders.iter().find(|contender| contender.method.name == name);
     let second = if subject.known.is_some() { "nearest writes" } else { "centers, affine" };
     for contender in contenders.first().into_iter().chain(compared(second)) {
-        let part = truth.window.cut(&contender.values, width);
+        let part = truth.windows.cut(&contender.values, width);
         all.push(shown(contender.method.name.clone(), &|at| display(part[at])));
         let off = |at: usize| -> [f32; 3] {
             let counts = truth.counts.as_ref().is_none_or(|counts| counts[at]);
-            let apart = |i: usize| (part[at][i] - truth.values[at][i]).abs() * DIFFERENCE_SCALE;
+            let apart = |i: usize| (part[at][i] - truth.values[at][i]).abs();
             if counts { [0, 1, 2].map(apart) } else { [0.0; 3] }
         };
-        all.push(shown(format!("{}, {DIFFERENCE_SCALE} × the difference", contender.method.name), &off));
+        let largest = (0..part.len()).flat_map(off).fold(0.0, f32::max);
+        let scale = brightening(largest);
+        let name = format!("{}, {scale} × the difference", contender.method.name);
+        all.push(shown(name, &|at| off(at).map(|apart| apart * scale)));
     }
     all
 }
 
-/// By how much differences are brightened where they are shown.
-pub const DIFFERENCE_SCALE: f32 = 32.0;
+/// By how much differences are multiplied to be seen: a power of two that leaves the largest below white.
+fn brightening(largest: f32) -> f32 {
+    (1.0 / largest.max(1e-6)).log2().floor().exp2().clamp(1.0, 4096.0)
+}

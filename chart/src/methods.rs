@@ -127,9 +127,7 @@ pub fn methods(scene: &Scene, settings: &RenderSettings, settled: &RenderSetting
     let order = if has_kernels { Order::Slabs { thickness: Order::THICKNESS } } else { settings.order };
     let points = RenderSettings { footprint: FootprintForm::Point, order, ..fixed };
     add(Family::Fixed, way(&points), points);
-    // Where samples of surfaces end is part of what they are.
-    let has_surfaces = scene.clouds.iter().any(|cloud| cloud.is_surface());
-    for cutoff in CUTOFFS.into_iter().filter(|_| !has_surfaces) {
+    for cutoff in CUTOFFS.into_iter().filter(|_| has_kernels) {
         add(Family::Cutoff, format!("cut off at ρ = {cutoff}"), RenderSettings { cutoff, ..*settled });
     }
     for low_pass in LOW_PASSES.into_iter().filter(|variance| *variance != settings.low_pass) {

@@ -161,7 +161,7 @@ fn escaped(text: &str) -> String {
 /// Which way to draw each scene.
 fn advice(all: &[Measured]) -> String {
     let mut text = String::from(
-        "<h2>Which way to draw</h2>\n<p>Errors to R1 of 999 pixels in 1000 of its window; the default's is green where it keeps to 1/255, red where it \
+        "<h2>Which way to draw</h2>\n<p>Errors to R1 of 999 pixels in 1000 of its windows; the default's is green where it keeps to 1/255, red where it \
          does not, and beside it stands its error to the second reference. The quickest is the fastest way within 1/255; the most accurate is the quickest of those that \
          come within a fifth of the least error. oblate chooses the default by drawing small windows first: this takes the time in the last column, once for a scene.</p>\n\
          <table><tr><th>scene</th><th>the default is</th><th>ms</th><th>error to R1</th><th>to the second</th>\
@@ -205,9 +205,13 @@ fn advice(all: &[Measured]) -> String {
 
 fn subject(measured: &Measured, files: &mut Vec<File>) -> Result<String, PlotError> {
     let name = escaped(&measured.name);
-    let [[.., w1, h1], [.., w2, h2]] = measured.windows;
+    let [parts_of_first, parts_of_second] = measured.windows.each_ref().map(|windows| match &windows[..] {
+        [[.., width, height]] => format!("{width}×{height} pixels"),
+        [[.., width, height], ..] => format!("{} windows of {width}×{height} pixels", windows.len()),
+        [] => "no pixels".into(),
+    });
     let mut text = format!(
-        "<h2 id=\"{name}\">{name}</h2>\n<p>{}</p>\n<p>{} splats in the scene, {}×{} pixels; {} in a window of {w1}×{h1}; {} in one of {w2}×{h2}.</p>\n",
+        "<h2 id=\"{name}\">{name}</h2>\n<p>{}</p>\n<p>{} splats in the scene, {}×{} pixels; {} in {parts_of_first}, {} in {parts_of_second}.</p>\n",
         escaped(&measured.about),
         measured.splats,
         measured.size[0],

@@ -249,6 +249,16 @@ impl Cloud {
         self.columns().len == 0
     }
 
+    /// Memory of the splats and their levels of detail in bytes, which clones share.
+    pub fn bytes(&self) -> usize {
+        self.levels.iter().map(Level::bytes).sum()
+    }
+
+    /// Where the splats are kept: the same for clones alone.
+    pub(crate) fn address(&self) -> usize {
+        Arc::as_ptr(&self.levels).addr()
+    }
+
     /// A copy of the arrays, in the order of ids; coefficients of harmonics as they were rounded to 16 bits.
     pub fn splats(&self) -> Splats {
         self.columns().splats()
@@ -447,6 +457,7 @@ pub(crate) fn area_scale(linear: DMat3, factor: Mat3) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Scene;
 
     #[test]
     fn the_first_wrong_number_is_reported() {
@@ -483,5 +494,30 @@ mod tests {
         centers[count - 3].y = f32::INFINITY;
         let error = Cloud::new(Splats { centers, ..splats(&[0]) });
         assert!(matches!(error, Err(CloudError::Value { what: "centre", .. })), "{error:?}");
+    }
+
+    #[test]
+    fn bytes_are_those_of_what_differs() {
+        let count = 800;
+        let scene = |masses: Vec<f32>, copies: usize| {
+            let splats = Splats {
+                centers: (0..count).map(|i| Vec3::splat(i as f32)).collect(),
+                shapes: Shapes::Shared(Mat3::IDENTITY),
+                strength: Strength::Extinction { masses },
+                colors: vec![[0.5; 3]; count],
+                harmonics: None,
+                normals: None,
+                material: Material::default(),
+            };
+            let cloud = Cloud::new(splats).expect("the numbers are finite");
+            Scene { clouds: vec![cloud; copies], lights: Vec::new() }.bytes()
+        };
+        let alike = scene(vec![1.0; count], 1);
+        // Three coordinates each, and a block for all masses and one for all colours; the rest are clusters.
+        let clusters = alike - (count * 12 + 32 + 96);
+        assert!(clusters > 0 && clusters < 8 * count, "{clusters}");
+        let masses: Vec<f32> = (0..count).map(|i| i as f32).collect();
+        assert_eq!(scene(masses.clone(), 1), alike + count * 4 - 32);
+        assert_eq!(scene(masses.clone(), 5), scene(masses, 1));
     }
 }

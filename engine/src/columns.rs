@@ -83,6 +83,11 @@ impl<const N: usize> Column<N> {
         &self.0[block.min(self.0.len() - 1)]
     }
 
+    /// Memory of the numbers.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(&self.0[..])
+    }
+
     /// The numbers of one splat.
     pub(crate) fn row(&self, index: usize) -> [f32; N] {
         let block = self.block(index / LANES);
@@ -210,6 +215,33 @@ impl Columns {
             (0..self.len).into_par_iter().map(|index| sigma(self.factor(index))).collect();
         let middle = values.len() / 2;
         Some(*values.select_nth_unstable_by(middle, f32::total_cmp).1)
+    }
+
+    /// Memory of all columns.
+    pub(crate) fn bytes(&self) -> usize {
+        let Self {
+            len: _,
+            kind: _,
+            material: _,
+            centers,
+            factors,
+            strengths,
+            opacities,
+            colors,
+            harmonics,
+            normals,
+        } = self;
+        let factors = match factors {
+            Factors::Shared(_) => 0,
+            Factors::Each { flat, through } => flat.bytes() + through.bytes(),
+        };
+        factors
+            + centers.bytes()
+            + strengths.bytes()
+            + opacities.as_ref().map_or(0, Column::bytes)
+            + colors.bytes()
+            + harmonics.as_ref().map_or(0, |harmonics| size_of_val(&harmonics.pairs[..]))
+            + normals.as_ref().map_or(0, Column::bytes)
     }
 
     pub(crate) fn center(&self, index: usize) -> Vec3 {

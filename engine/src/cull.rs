@@ -181,7 +181,7 @@ fn find_visible(
             perspective,
             pixel_filter,
             allowance: allowance(settings.tolerance) * widening / largest_stretch(cloud_to_camera.matrix3),
-            cutoff: settings.cutoff,
+            cutoff: settings.farthest_end(),
             stretch: largest_stretch(cloud_to_camera.matrix3),
             cloud_to_camera,
         };

@@ -6,7 +6,7 @@
 //! surface whose surfels are smaller than the pixel's filter would fall apart into layers.
 //!
 //! Layers are peeled, block by block: one pass over a block's records finds each pixel's first sample, one sums up what
-//! belongs to it, and what lies behind a layer's limit is left for the next. Nothing is sorted or kept. Records come
+//! belongs to it, and what lies behind a layer's limit is left for the next. Nothing is sorted; samples are kept from the first pass to the second. Records come
 //! roughly from near to far, in sixteens of neighbours, so that a block that is covered soon doesn't even look at most of them.
 
 use crate::cloud::Cloud;
@@ -14,7 +14,7 @@ use crate::columns::Kind;
 use crate::cuts::{Cut, Cuts, MAX_LAYERS};
 use crate::raster::{BATCH, Surfaces, Surfel, SurfelLens, Surfels};
 use crate::simd::*;
-use crate::tile::{HALF_BLOCK, PIXELS, Tile, pixels};
+use crate::tile::{HALF_BLOCK, PIXELS, Plane, Tile, pixels};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 /// The layer that is being peeled from a block.
@@ -80,9 +80,10 @@ impl<S: Simd> Sums<S> {
             self.clear = weight.mul_add(W::simd_from(simd, 1.0 - opacity), self.clear);
         }
         if color != self.usual {
-            for ((sum, own), usual) in self.color.iter_mut().zip(color).zip(self.usual) {
-                *sum = weight.mul_add(W::simd_from(simd, own - usual), *sum);
-            }
+            self.color = [0, 1, 2].each(
+                #[inline(always)]
+                |i| weight.mul_add(W::simd_from(simd, color[i] - self.usual[i]), self.color[i]),
+            );
         }
         match surfel.faces_away(here.corner) {
             Some(false) => self.sides[0].add(simd, normal, weight),
@@ -149,9 +150,15 @@ pub(crate) struct LayerBuffers {
     listed: Vec<Listed>,
 }
 
-/// A record of a block by its place in the tile.
+/// A record of a block and its samples, which are taken once a layer.
 #[derive(Clone, Copy)]
+#[repr(C, align(64))]
 struct Listed {
+    /// z of the samples.
+    depth: Plane,
+    /// Their weights; 0 where there is none behind the layers before.
+    weight: Plane,
+    /// Its place in the tile.
     batch: u32,
     number: u32,
     /// Its spans begin behind this.
@@ -164,8 +171,7 @@ struct Search<S: Simd> {
     is_open: mask32x16<S>,
     is_behind: bool,
     done: f32,
-    /// The greatest depth of the first samples so far, and of the layer's limits.
-    deepest: f32,
+    /// The greatest of the layer's limits.
     farthest: f32,
     /// The nearest of what was not looked at, since it begins behind those limits.
     skipped: f32,
@@ -316,7 +322,6 @@ impl LayerBuilder<'_> {
             is_open,
             is_behind: peel.previous.simd_gt(-infinity).any_true(),
             done: is_open.select(peel.previous, infinity).reduce_min(),
-            deepest: peel.depth.reduce_max(),
             farthest: peel.limit.reduce_max(),
             skipped: f32::INFINITY,
             firsts: u32x16::simd_from(simd, u32::MAX),
@@ -353,8 +358,8 @@ impl LayerBuilder<'_> {
         if set == 0 {
             return 0;
         }
-        let (mut nearest, mut seen_from, mut farthest) = ([0.0; BATCH], [0.0; BATCH], [0.0; BATCH]);
-        let bounds = [&mut nearest, &mut seen_from, &mut farthest];
+        let (mut nearest, mut farthest) = ([0.0; BATCH], [0.0; BATCH]);
+        let bounds = [&mut nearest, &mut farthest];
         surfels.bounds(
             simd,
             (
@@ -368,6 +373,7 @@ impl LayerBuilder<'_> {
             (&self.lens, bounds),
         );
         let mut evaluated = 0;
+        let zero = W::simd_from(simd, 0.0);
         search.firsts = u32x16::simd_from(simd, u32::MAX);
         // Those of one form together: no processor foresees which form comes next.
         for mut set in surfels.by_form(set) {
@@ -382,17 +388,11 @@ impl LayerBuilder<'_> {
                     search.skipped = search.skipped.min(nearest[number]);
                     continue;
                 }
-                let place = listed.len() as u32;
-                listed.push(Listed { batch: batch as u32, number: number as u32, nearest: nearest[number] });
-                if seen_from[number] > search.deepest {
-                    continue;
-                }
                 evaluated += 1;
                 let surfel = surfels.get(number);
                 let sample = surfel.sample(simd, here.pixels, &self.lens);
-                let mut inside = sample.inside;
+                let mut inside = sample.inside & search.is_open;
                 if search.is_behind {
-                    inside &= search.is_open;
                     if inside.any_true() {
                         let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
                         inside &= spans.nearest.simd_gt(peel.previous);
@@ -400,15 +400,25 @@ impl LayerBuilder<'_> {
                     if !inside.any_true() {
                         // Nor is it of use to a later layer, which is farther.
                         rest[batch] &= !(1 << number);
-                        listed.pop();
                         continue;
                     }
                 }
+                let weight = inside.select(surfel.weight(simd, &sample, here.pixels, &self.lens), zero);
                 let nearer = inside & sample.depth.simd_lt(peel.depth);
                 peel.depth = nearer.select(sample.depth, peel.depth);
-                search.firsts = nearer.select(u32x16::simd_from(simd, place), search.firsts);
+                let place = u32x16::simd_from(simd, listed.len() as u32);
+                search.firsts = nearer.select(place, search.firsts);
+                let mut entry = Listed {
+                    depth: Plane::ZERO,
+                    weight: Plane::ZERO,
+                    batch: batch as u32,
+                    number: number as u32,
+                    nearest: nearest[number],
+                };
+                entry.depth.store(sample.depth);
+                entry.weight.store(weight);
+                listed.push(entry);
             }
-            search.deepest = peel.depth.reduce_max();
         }
         self.limit(simd, (batches, here), (listed, search.firsts), peel);
         if !peel.takes_all {
@@ -452,21 +462,20 @@ impl LayerBuilder<'_> {
         let (zero, infinity) = (W::simd_from(simd, 0.0), W::simd_from(simd, f32::INFINITY));
         let is_open = peel.record.simd_ne(u32x16::simd_from(simd, Cut::NO_RECORD));
         let farthest = is_open.select(peel.limit, -infinity).reduce_max();
-        let is_behind = peel.previous.simd_gt(-infinity);
         let mut evaluated = 0;
         for candidate in listed.iter().filter(|candidate| candidate.nearest <= farthest) {
             let surfel = candidate.of(batches);
-            evaluated += 1;
-            let mut sample = surfel.sample(simd, here.pixels, &self.lens);
-            sample.inside &= is_open;
+            let depth = candidate.depth.load(simd);
+            let mut weight = candidate.weight.load(simd);
             // Only where what is seen lies behind the limit it matters where the plane is: spans begin before.
-            if (sample.inside & (sample.depth.simd_gt(peel.limit) | is_behind)).any_true() {
+            if (weight.simd_gt(zero) & depth.simd_gt(peel.limit)).any_true() {
+                evaluated += 1;
+                let sample = surfel.sample(simd, here.pixels, &self.lens);
                 let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
-                sample.inside &= spans.nearest.simd_gt(peel.previous) & spans.nearest.simd_le(peel.limit);
+                weight = spans.nearest.simd_le(peel.limit).select(weight, zero);
             }
-            let weight = sample.inside.select(surfel.weight(simd, &sample, here.pixels, &self.lens), zero);
             // Where no sample was found the difference is infinite.
-            let behind = sample.inside.select(sample.depth - peel.depth, zero);
+            let behind = weight.simd_gt(zero).select(depth - peel.depth, zero);
             sums.add(simd, surfel, &here, [weight, behind]);
         }
         evaluated
@@ -538,8 +547,9 @@ impl<S: Simd> Side<S> {
     #[inline(always)]
     fn add(&mut self, simd: S, normal: [f32; 3], weight: W<S>) {
         self.weight += weight;
-        for (sum, normal) in self.normal.iter_mut().zip(normal) {
-            *sum = weight.mul_add(W::simd_from(simd, normal), *sum);
-        }
+        self.normal = [0, 1, 2].each(
+            #[inline(always)]
+            |axis| weight.mul_add(W::simd_from(simd, normal[axis]), self.normal[axis]),
+        );
     }
 }

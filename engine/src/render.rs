@@ -235,14 +235,14 @@ impl Renderer {
         let picture = camera.size().map(|length| length as usize);
         let [columns, rows] = picture.map(|length| length.div_ceil(*side));
         let lens = Lens::new(camera, settings.low_pass);
-        let (near, cutoff) = (camera.near() as f32, settings.cutoff as f32);
+        let near = camera.near() as f32;
         // A quarter of the tolerance: what is behind changes a channel by at most that share of its brightness.
         let spent = (settings.tolerance / 4.0) as f32;
         let Records { records, rects, samples, .. } = &surfaces.records;
         let drawer = TileDrawer {
             layers: LayerBuilder {
                 surfaces: Surfaces { records, rects, samples, depth_tolerances },
-                lens: SurfelLens::new(&lens, near, cutoff),
+                lens: SurfelLens::new(&lens, near, settings.outline as f32),
                 spent,
             },
             compositor: Compositor {
@@ -251,7 +251,7 @@ impl Renderer {
                 lens: KernelLens {
                     lens,
                     near,
-                    cutoff,
+                    cutoff: settings.cutoff as f32,
                     least_alpha: settings.least_opacity() as f32,
                     closing,
                     is_taylor: settings.baseline == Some(Baseline::Taylor),

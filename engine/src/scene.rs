@@ -4,6 +4,7 @@ use crate::cloud::Cloud;
 use crate::columns::Kind;
 use crate::frame::Channels;
 use glam::DVec3;
+use std::collections::HashSet;
 
 /// Clouds and lights.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -15,6 +16,12 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// Memory of the splats and their levels of detail in bytes; what clouds share counts once.
+    pub fn bytes(&self) -> usize {
+        let mut counted = HashSet::new();
+        self.clouds.iter().filter(|cloud| counted.insert(cloud.address())).map(Cloud::bytes).sum()
+    }
+
     /// Whether nothing is drawn but opacities, which are composited by their centres' distance by definition.
     pub(crate) fn is_sorted_by_definition(&self) -> bool {
         self.clouds.iter().all(|cloud| matches!(cloud.columns().kind, Kind::Opacity(_)))
@@ -139,6 +146,8 @@ pub struct RenderSettings {
     pub tolerance: f64,
     /// Squared Mahalanobis radius at which kernels are cut off; their mass is renormalised.
     pub cutoff: f64,
+    /// Squared Mahalanobis radius at which surfels end, to references too: it is a part of what they are.
+    pub outline: f64,
     /// Whether splats of coarser levels are drawn where the tolerance allows, of clouds that have levels.
     pub level_of_detail: bool,
     /// The picture is drawn with at most as many splats, as far as clouds have levels: the best that can be had.
@@ -153,6 +162,16 @@ pub struct RenderSettings {
 }
 
 impl RenderSettings {
+    /// The squared Mahalanobis radius at which every splat has ended.
+    pub(crate) fn farthest_end(&self) -> f64 {
+        self.cutoff.max(self.outline)
+    }
+
+    /// The squared Mahalanobis radius at which splats of a kind end.
+    pub(crate) fn cutoff_of(&self, kind: &Kind) -> f64 {
+        if matches!(kind, Kind::Surface(_)) { self.outline } else { self.cutoff }
+    }
+
     /// Opacities below this are left out: several kernels end in a pixel, and what they lack together is to stay within the tolerance.
     pub(crate) fn least_opacity(&self) -> f64 {
         self.tolerance / 8.0
@@ -171,6 +190,7 @@ impl Default for RenderSettings {
             background: [0.0; 4],
             tolerance: 1.0 / 255.0,
             cutoff: 12.25,
+            outline: 12.25,
             level_of_detail: true,
             budget: None,
             occlusion: true,

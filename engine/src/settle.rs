@@ -34,11 +34,15 @@ const WAYS: [(Order, FootprintForm); 11] = [
     (slabs(2.0), FootprintForm::Auto),
     (slabs(1.5), FootprintForm::Auto),
     (slabs(1.0), FootprintForm::Auto),
-    (FINEST, FootprintForm::Auto),
-    (FINEST, FootprintForm::Exact),
+    (FINE, FootprintForm::Auto),
+    (FINE, FootprintForm::Exact),
 ];
 
-const FINEST: Order = slabs(0.5);
+const FINE: Order = slabs(0.5);
+
+/// And where less than a level of 255 is asked for.
+const FINER: [(Order, FootprintForm); 2] =
+    [(slabs(0.25), FootprintForm::Auto), (slabs(0.25), FootprintForm::Exact)];
 
 /// Settles what settings leave to the engine, [`Order::Auto`] and [`FootprintForm::Auto`]: the quickest way that keeps to the tolerance.
 ///
@@ -72,9 +76,8 @@ pub fn settle(
     let empty = drawn(&nothing, &windows[..1], settings, *last)?[0];
     let farther = RenderSettings { cutoff: opacities_end(settings), ..*settings };
     let ends = |settings: &RenderSettings| drawn(scene, &windows, settings, ways[0]);
-    // Surfels' outlines end at the cut-off, wherever that is.
     let is_cut_short = farther.cutoff > settings.cutoff
-        && !scene.clouds.iter().any(|cloud| cloud.is_surface())
+        && !scene.clouds.iter().all(|cloud| cloud.is_surface())
         && error(&ends(&farther)?, &ends(settings)?, empty) > SHARE_OF_ENDS * settings.tolerance;
     let settings = if is_cut_short { &farther } else { settings };
     let truth = drawn(scene, &windows, settings, *last)?;
@@ -100,7 +103,8 @@ fn ways(scene: &Scene, settings: &RenderSettings) -> Vec<(Order, FootprintForm)>
         order => Some(order),
     };
     let mut ways = Vec::new();
-    for (own, form) in WAYS {
+    let finer = FINER.into_iter().filter(|_| settings.tolerance < 1.0 / 255.0);
+    for (own, form) in WAYS.into_iter().chain(finer) {
         let form = if settings.footprint == FootprintForm::Auto { form } else { settings.footprint };
         let way = (order.unwrap_or(own), form);
         if !ways.contains(&way) {

@@ -62,7 +62,7 @@ impl RenderSettings {
     /// # Errors
     /// When one is outside its documented range.
     pub fn validate(&self) -> Result<(), SceneError> {
-        let Self { low_pass, tolerance, cutoff, .. } = *self;
+        let Self { low_pass, tolerance, cutoff, outline, .. } = *self;
         check(
             "low-pass variance",
             low_pass,
@@ -70,7 +70,9 @@ impl RenderSettings {
             "it must be from 0 to 1e6 px²",
         )?;
         check("tolerance", tolerance, (0.0..=1.0).contains(&tolerance), "it must be from 0 to 1")?;
-        check("cut-off", cutoff, (1.0..=100.0).contains(&cutoff), "it must be from 1 to 100")?;
+        for (what, radius) in [("cut-off", cutoff), ("outline of surfels", outline)] {
+            check(what, radius, (1.0..=100.0).contains(&radius), "it must be from 1 to 100")?;
+        }
         if let Order::Slabs { thickness: length } | Order::AxisSheets { spacing: length } = self.order {
             let ok = (1e-3..=1e6).contains(&length);
             check("thickness of slabs", length, ok, "it must be from 0.001 to 1e6")?;

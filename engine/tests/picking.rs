@@ -115,7 +115,7 @@ fn surfaces_are_picked_as_they_are_drawn() {
     });
     println!("{compared} pixels compared, {ties} ties, {through} through glass, {empty} empty");
     assert!(compared > 100 && through > 50 && empty > 200);
-    // A sample at the very cut-off, without weight, is in front for single precision and not there in double precision, or
+    // A sample at the very outline, without weight, is in front for single precision and not there in double precision, or
     // the other way round: r is right to 1e-5 or so of 12, of which each pixel has some ten samples.
     assert!(100 * ties <= compared, "{ties}");
 }

@@ -368,6 +368,7 @@ fn what_cannot_be_drawn_is_refused() {
         RenderSettings { low_pass: f64::NAN, ..fine },
         RenderSettings { tolerance: 2.0, ..fine },
         RenderSettings { cutoff: 0.0, ..fine },
+        RenderSettings { outline: 0.0, ..fine },
         RenderSettings { background: [0.0, 0.0, 0.0, 2.0], ..fine },
     ] {
         assert!(matches!(refused(&empty, &settings), SceneError::Setting { .. }));

@@ -10,7 +10,6 @@ use crate::peers::Peers;
 use crate::progress::{Console, Task};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use glam::DVec2;
 use oblate::chart::measure::{Plan, Watch, measure};
 use oblate::chart::report::{Machine, Report};
 use oblate::chart::scenes::{BUILT_IN, Scale, Subject};
@@ -168,7 +167,6 @@ fn subject(name: &Path, scale: Scale, console: Console) -> Result<Subject> {
         scene,
         camera,
         settings: drawing.settings,
-        focus: DVec2::splat(0.5),
         known: None,
         peers: Vec::new(),
     })

@@ -113,6 +113,7 @@ fn summary(scene: &Scene, times: &[FrameTimes], by_reference: bool) -> Stats {
     let stages = if by_reference { &[][..] } else { &Stage::ALL[..] };
     Stats {
         splats: scene.clouds.iter().map(|cloud| cloud.len() as u64).sum(),
+        splat_bytes: scene.bytes(),
         culled: counts.map(|c| c.culled),
         occluded: counts.map(|c| c.occluded),
         visible: counts.map(|c| c.visible),

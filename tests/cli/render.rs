@@ -99,6 +99,10 @@ fn statistics_are_one_json_object() {
     let stats: Value = serde_json::from_str(&out).unwrap();
     let number = |key: &str| stats[key].as_f64().unwrap_or_else(|| panic!("{key} in {out}"));
     assert!((number("splats") / 2000.0 - 1.0).abs() < 0.2, "{out}");
+    // Floats: at least centres (3) and the columns of factors that aren't zero (6); at most areas (1), colours (3), normals (3),
+    // opacities (1) and third columns (3) with them, a third more for levels, whose needs are one more, and as much for clusters.
+    let bytes = number("splat_bytes") / number("splats");
+    assert!((36.0..2.0 * 21.0 * 4.0 * 4.0 / 3.0).contains(&bytes), "{bytes}");
     assert!(number("visible") > 0.0 && number("visible") <= number("splats"));
     assert!(number("fragments") >= number("visible") / 2.0);
     assert_eq!((number("threads"), number("late")), (2.0, 0.0));

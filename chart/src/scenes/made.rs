@@ -3,7 +3,7 @@
 use super::gaussians::{cloud, trained as trained_splats};
 use super::random::Random;
 use super::{Scale, Subject, SubjectError};
-use glam::{DAffine3, DMat3, DVec2, DVec3, Mat3, Vec3};
+use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
 use oblate_engine::{
     Blend, Camera, CameraError, Cloud, Material, Pose, RenderSettings, Scene, Shapes, Splats, Strength,
 };
@@ -49,7 +49,6 @@ fn subject(name: &str, about: &str, clouds: Vec<Cloud>, camera: Camera) -> Subje
         scene: Scene { clouds, lights: Vec::new() },
         camera,
         settings: RenderSettings { background: [0.02, 0.02, 0.02, 1.0], ..RenderSettings::default() },
-        focus: DVec2::splat(0.5),
         known: None,
         peers: Vec::new(),
     }
@@ -85,7 +84,7 @@ pub(super) fn head(scale: Scale) -> Result<Subject, SubjectError> {
     let kernels = classified(&head_volume(scale)?, HEAD_TRANSFER)?;
     let about = "A medical volume: the Shepp–Logan head as shaded, semi-transparent kernels. What is hard: tens of them overlap on every ray.";
     let camera = camera(DVec3::new(2.2, -2.9, 1.6), DVec3::Z, scale.side())?;
-    Ok(Subject { focus: DVec2::new(0.36, 0.42), ..subject("head", about, vec![kernels], camera) })
+    Ok(subject("head", about, vec![kernels], camera))
 }
 
 /// Kernels of all sizes in contrasting colours through each other.
@@ -122,7 +121,7 @@ pub(super) fn clouds(scale: Scale) -> Result<Subject, SubjectError> {
     let about = "Kernels of all sizes in contrasting colours through each other, optical depths about 0.3: every mistake in the order shows as a wrong colour.";
     let camera = camera(DVec3::new(1.6, 1.2, -4.0), DVec3::Y, scale.side())?;
     let cloud = motley(scale.pick(8_000, 2_500))?;
-    Ok(Subject { focus: DVec2::new(0.4, 0.4), ..subject("clouds", about, vec![cloud], camera) })
+    Ok(subject("clouds", about, vec![cloud], camera))
 }
 
 pub(super) fn surface(scale: Scale) -> Result<Subject, SubjectError> {
@@ -159,7 +158,7 @@ pub(super) fn mixed(scale: Scale) -> Result<Subject, SubjectError> {
     ];
     let about = "A mesh through a semi-transparent volume with an iso-surface in it: kernels are cut exactly where surfaces pass through them.";
     let camera = camera(DVec3::new(2.2, -3.2, 1.6), DVec3::Z, scale.side())?;
-    Ok(Subject { focus: DVec2::new(0.42, 0.42), ..subject("mixed", about, clouds, camera) })
+    Ok(subject("mixed", about, clouds, camera))
 }
 
 /// Sees what [`trained_splats`] makes; y is down.
@@ -185,10 +184,7 @@ pub(super) fn staged(scale: Scale) -> Result<Subject, SubjectError> {
     let smoke = Cloud::new(Splats { colors: vec![[0.7, 0.75, 0.8]; masses.colors.len()], ..masses })?;
     let about = "Trained splats with a mesh through them and smoke around both: three kinds of strength in one order along every ray.";
     let clouds = vec![splats, ring, smoke.transformed(place)];
-    Ok(Subject {
-        focus: DVec2::new(0.5, 0.45),
-        ..subject("staged", about, clouds, trained_camera(scale.side())?)
-    })
+    Ok(subject("staged", about, clouds, trained_camera(scale.side())?))
 }
 
 pub(super) fn far(scale: Scale) -> Result<Subject, SubjectError> {

@@ -7,7 +7,6 @@ mod warped;
 
 pub use made::{HEAD_TRANSFER, head_volume};
 
-use glam::DVec2;
 use oblate_engine::{Camera, CameraError, CloudError, Frame, RenderSettings, Scene};
 use oblate_surfels::{DepthError, SampleError};
 use oblate_volumes::{IsoError, TransferTextError, VolumeError};
@@ -25,8 +24,6 @@ pub struct Subject {
     pub camera: Camera,
     /// How it is drawn when nothing is said.
     pub settings: RenderSettings,
-    /// The middle of the windows that references draw, as shares of the picture's width and height.
-    pub focus: DVec2,
     /// What it stands for, where that is known better than any reference draws it.
     pub known: Option<Known>,
     /// What other programs drew of it.

@@ -53,7 +53,6 @@ pub(super) fn warp(scale: Scale) -> Result<Subject, SubjectError> {
             background: [0.0, 0.0, 0.0, 1.0],
             ..RenderSettings::default()
         },
-        focus: DVec2::splat(0.5),
         peers: Vec::new(),
         known: Some(Known { name, frame, counts, others, remake: Some(remake) }),
     })

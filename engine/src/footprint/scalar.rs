@@ -112,7 +112,7 @@ impl<'a> Projector<'a> {
         }
 
         let footprint = Footprint::new(&splat, lens)?;
-        let cutoff = settings.cutoff;
+        let cutoff = settings.cutoff_of(&splats.kind);
         if footprint.depth_range(cutoff)[1] <= camera.near() {
             return None;
         }
@@ -223,7 +223,7 @@ impl<'a> Projector<'a> {
     fn form(&self, footprint: &Footprint) -> Form {
         let View { settings, lens, .. } = &self.view;
         match settings.footprint {
-            _ if footprint.crosses_camera_plane(settings.cutoff) => Form::Exact,
+            _ if footprint.crosses_camera_plane(settings.cutoff_of(&self.columns.kind)) => Form::Exact,
             FootprintForm::Exact if lens.projection == Projection::Perspective => Form::Exact,
             FootprintForm::Exact | FootprintForm::Affine => Form::Affine,
             FootprintForm::Point => Form::Point,

@@ -59,6 +59,11 @@ impl Level {
         self.needs.as_ref().map_or([0.0; LANES], |needs| needs.block(block)[0])
     }
 
+    /// Memory of the splats, their clusters and needs.
+    pub(crate) fn bytes(&self) -> usize {
+        self.columns.bytes() + size_of_val(&self.clusters[..]) + self.needs.as_ref().map_or(0, Column::bytes)
+    }
+
     fn need(&self, index: usize) -> f32 {
         self.needs.as_ref().map_or(0.0, |needs| needs.row(index)[0])
     }

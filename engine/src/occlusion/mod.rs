@@ -58,7 +58,7 @@ impl Visible<'_> {
     fn sight(&self) -> Sight {
         let Self { camera, settings, closing, .. } = self;
         let lens = Lens::new(camera, settings.low_pass);
-        Sight::new(camera, lens, (settings.cutoff, f64::from(closing.thickness())))
+        Sight::new(camera, lens, (settings.farthest_end(), f64::from(closing.thickness())))
     }
 }
 

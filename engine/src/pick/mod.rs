@@ -81,9 +81,9 @@ impl Picker {
     pub fn update(&mut self, scene: &Scene) -> Result<(), SceneError> {
         scene.validate()?;
         let known = std::mem::take(&mut self.trees).into_iter();
-        let mut by_address: HashMap<_, _> = known.map(|tree| (address(&tree.cloud), tree)).collect();
+        let mut by_address: HashMap<_, _> = known.map(|tree| (tree.cloud.address(), tree)).collect();
         let tree = |cloud: &Cloud| {
-            let tree = by_address.entry(address(cloud)).or_insert_with(|| Arc::new(SplatTree::new(cloud)));
+            let tree = by_address.entry(cloud.address()).or_insert_with(|| Arc::new(SplatTree::new(cloud)));
             Arc::clone(tree)
         };
         self.trees = scene.clouds.iter().map(tree).collect();
@@ -105,7 +105,7 @@ impl Picker {
     /// The splat that is seen at a point of the picture, in pixels from its top left corner: the centre of pixel (i, j) is
     /// (i + 0.5, j + 0.5). `None` where nothing is seen.
     ///
-    /// Of the settings the filter and the cut-off count, as far as it lies within 6σ.
+    /// Of the settings the filter and the outline count, as far as it lies within 6σ.
     ///
     /// # Errors
     /// When a setting is outside its range.
@@ -120,8 +120,8 @@ impl Picker {
             return Ok(None);
         }
         // Light has no part in it.
-        let cutoff = settings.cutoff.min(MOST_REACH * MOST_REACH);
-        let settings = RenderSettings { shade: false, cutoff, ..*settings };
+        let outline = settings.outline.min(MOST_REACH * MOST_REACH);
+        let settings = RenderSettings { shade: false, outline, ..*settings };
         let median = Median::new(&self.scene, camera, &settings);
         let mut ids = Vec::new();
         self.candidates(camera, &settings, pixel, &mut ids);
@@ -200,11 +200,6 @@ impl SplatTree {
         let boxes: Vec<_> = (0..cloud.len().div_ceil(RUN)).into_par_iter().map(of_run).collect();
         Self { cloud: cloud.clone(), boxes: BoxTree::new(&boxes), bounds: bounds(&boxes) }
     }
-}
-
-/// Where a cloud's splats are kept: the same for its clones alone.
-fn address(cloud: &Cloud) -> usize {
-    cloud.levels().as_ptr().addr()
 }
 
 #[cfg(test)]

@@ -306,9 +306,9 @@ impl Surfels {
         let rect = |number: usize| &surfaces.rects[self.each[number].index as usize];
         self.masks = self.outlines.blocks(simd, tile, u64::MAX, rect);
         let half = (tile.side - 1) as f32 / 2.0;
-        let (mut nearest, mut seen_from, mut farthest) = ([0.0; BATCH], [0.0; BATCH], [0.0; BATCH]);
+        let (mut nearest, mut farthest) = ([0.0; BATCH], [0.0; BATCH]);
         let count = self.outlines.count();
-        self.bounds(simd, ([half; 2], half), u64::MAX, (lens, [&mut nearest, &mut seen_from, &mut farthest]));
+        self.bounds(simd, ([half; 2], half), u64::MAX, (lens, [&mut nearest, &mut farthest]));
         for (least, nearest) in self.nearest.iter_mut().zip(nearest[..count].chunks(16)) {
             *least = nearest.iter().fold(f32::INFINITY, |least, nearest| least.min(*nearest));
         }
@@ -338,15 +338,15 @@ impl Surfels {
         set
     }
 
-    /// For each record of a set, at least, between which depths the spans of samples begin in the square of pixels around a middle,
-    /// less 3σ_z, and how deep samples are at least.
+    /// For each record of a set, in the square of pixels around a middle: before what depth no span of a sample begins,
+    /// and behind what depth none does.
     #[inline(always)]
     pub(crate) fn bounds<S: Simd>(
         &self,
         simd: S,
         (middle, half): ([f32; 2], f32),
         set: u64,
-        (lens, [nearest, seen_from, farthest]): (&SurfelLens, [&mut Column; 3]),
+        (lens, [nearest, farthest]): (&SurfelLens, [&mut Column; 2]),
     ) {
         let infinity = W::simd_from(simd, f32::INFINITY);
         let one = W::simd_from(simd, 1.0);
@@ -380,10 +380,6 @@ impl Surfels {
             let begin = seen[0].min(plane).max(seen[0] - limit) - reach;
             // What f32 can't say, NaN among it, is no bound.
             begin.simd_gt(-infinity).select(begin, -infinity).store_slice(&mut nearest[first..first + 16]);
-            seen[0]
-                .simd_gt(-infinity)
-                .select(seen[0], -infinity)
-                .store_slice(&mut seen_from[first..first + 16]);
             seen[1].simd_lt(infinity).select(seen[1], infinity).store_slice(&mut farthest[first..first + 16]);
         }
     }

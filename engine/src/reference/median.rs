@@ -28,7 +28,7 @@ struct Met {
 }
 
 impl<'a> Median<'a> {
-    /// For settings that were checked, whose cut-off is within [`MOST_REACH`].
+    /// For settings that were checked, whose outline is within [`MOST_REACH`].
     pub(crate) fn new(scene: &'a Scene, camera: &Camera, settings: &'a RenderSettings) -> Self {
         let setup = Setup::new(scene, camera, settings, settings.low_pass);
         Self { setup, normal: NormalDistribution::new() }

@@ -18,7 +18,7 @@
 //!   distance (ties by id); beside other strengths their optical depth −ln(1 − α) is spread along the ray.
 //! * A `Classic` filter is one that R1 has and R2 does not: R2 shows kernels of less than a pixel as small as they
 //!   are, R1 those that a pixel sees.
-//! * `Surface` samples end at the settings' cut-off, as the rule of layers needs a support, and their
+//! * `Surface` samples end at the settings' outline, as the rule of layers needs a support, and their
 //!   coverage is renormalised for it. A surface is a cut: the volume before it is integrated up to
 //!   exactly its z.
 //! * Harmonics are those of the direction in which a splat's centre is seen, as the rasterizer's.

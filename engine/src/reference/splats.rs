@@ -202,7 +202,7 @@ impl<'a> Setup<'a> {
                 return None;
             }
         }
-        let reach = if surface.is_some() { self.settings.cutoff } else { FAR_CUT };
+        let reach = if surface.is_some() { self.settings.outline } else { FAR_CUT };
         // The largest variance: at most the trace, at most the largest row sum of |Σ'| (Gershgorin).
         let trace: f64 = columns.iter().map(|c| c.length_squared()).sum();
         let row_sums: DVec3 = columns.iter().map(|c| c.abs() * c.abs().element_sum()).sum();
@@ -268,7 +268,7 @@ impl<'a> Setup<'a> {
                     depth_tolerance: f64::from(surface.depth_tolerance) * placed.volume_scale.cbrt(),
                     coverage_floor: even - (even - floor) * self.attenuation(&gaussian, &columns).sqrt(),
                 };
-                let cutoff = self.settings.cutoff;
+                let cutoff = self.settings.outline;
                 let filter = self.view.filter_at(center.z, self.low_pass).max_element();
                 let plane_reach = STEEPEST * cutoff.sqrt() * filter;
                 let surfel = Surfel { gaussian, geometric_normal, area, cutoff, plane_reach, prototype };
@@ -309,7 +309,7 @@ impl Placed<'_> {
 }
 
 impl<'a> Surfel<'a> {
-    /// The sample that a ray takes. Samples end at the cut-off, and what they lose there is given back.
+    /// The sample that a ray takes. Samples end at the outline, and what they lose there is given back.
     pub(super) fn sample(&self, ray: &Ray, near: f64) -> Option<Sample<'a>> {
         let profile = self.gaussian.along(ray);
         if profile.r > self.cutoff || profile.z < near {

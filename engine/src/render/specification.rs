@@ -140,7 +140,7 @@ impl<'a> Specification<'a> {
 
     fn samples(&self, pixel: [usize; 2]) -> Option<Vec<Sample>> {
         let center = DVec2::new(pixel[0] as f64, pixel[1] as f64) + 0.5;
-        let (cutoff, near) = (self.settings.cutoff, self.camera.near());
+        let (cutoff, near) = (self.settings.outline, self.camera.near());
         let mut samples = Vec::new();
         for place in &self.surface_order {
             let (record, sample) = (&self.surfaces.records[*place], &self.surfaces.samples[*place]);
@@ -390,6 +390,14 @@ fn pictures_are_what_is_specified() {
             ("fog with twelve sheets", with(fog(0.002), &twelve), perspective, fine),
             ("trained with a sheet far behind", with(trained(), &[sheet(1.0, 0.0, 3.0)]), perspective, usual),
             ("trained with two sheets", with(trained(), &two()), perspective, usual),
+        ]);
+    }
+    for [cutoff, outline] in [[20.0, 6.0], [6.0, 20.0]] {
+        let (fine, usual) =
+            (RenderSettings { cutoff, outline, ..fine }, RenderSettings { cutoff, outline, ..usual });
+        cases.extend([
+            ("fog that ends elsewhere than two sheets", with(fog(0.02), &two()), perspective, fine),
+            ("trained that end elsewhere than two sheets", with(trained(), &two()), perspective, usual),
         ]);
     }
     let mut failures = Vec::new();

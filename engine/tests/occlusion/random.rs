@@ -83,6 +83,7 @@ proptest! {
         distance in 0.3..5.0_f64,
         is_parallel: bool,
         wall in prop_oneof![Just(None), (-40.0..40.0_f64).prop_map(Some)],
+        [cutoff, outline] in prop_oneof![Just([12.25; 2]), Just([40.0, 6.0]), Just([6.0, 40.0])],
     ) {
         let mut clouds: Vec<_> = (0..3)
             .filter(|kind| counts[*kind] > 0)
@@ -99,7 +100,7 @@ proptest! {
         } else {
             Camera::perspective(pose, 0.9, [90, 70]).unwrap()
         };
-        let (_, [all, rest]) = alike(&clouds, &camera, &RenderSettings { ..unshaded() });
+        let (_, [all, rest]) = alike(&clouds, &camera, &RenderSettings { cutoff, outline, ..unshaded() });
         println!("{} of {} left out", rest.occluded, all.visible);
     }
 }

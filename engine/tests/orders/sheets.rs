@@ -36,7 +36,7 @@ fn the_back_sheet_does_not_leak_and_the_front_one_has_no_holes() {
         let (sin, cos) = degrees.to_radians().sin_cos();
         let (width, filter) = ((radius * cos).powi(2), unshaded().low_pass as f32);
         let sigma_z = radius * sin * (filter / (width + filter)).sqrt();
-        let from_plane = sin / cos * filter * (unshaded().cutoff as f32 / (width + filter)).sqrt();
+        let from_plane = sin / cos * filter * (unshaded().outline as f32 / (width + filter)).sqrt();
         radius + 3.0 * sigma_z + from_plane
     };
     for degrees in [0.0, 30.0, 60.0, 75.0, 85.0, 88.0] {

@@ -37,9 +37,9 @@ fn orthographic(focal: f64, size: u32) -> Camera {
     camera(Projection::Orthographic, focal, size)
 }
 
-/// Without light, and with surfels cut off where nothing is left of them.
+/// Without light, and with surfels that end where nothing is left of them.
 fn unlit(low_pass: f64) -> RenderSettings {
-    RenderSettings { shade: false, low_pass, cutoff: 50.0, ..RenderSettings::default() }
+    RenderSettings { shade: false, low_pass, outline: 50.0, ..RenderSettings::default() }
 }
 
 fn draw(clouds: Vec<Cloud>, camera: &Camera, settings: &RenderSettings) -> Frame {

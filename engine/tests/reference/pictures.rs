@@ -128,6 +128,7 @@ fn wrong_numbers_are_refused() {
         RenderSettings { low_pass: -1.0, ..fine },
         RenderSettings { low_pass: f64::NAN, ..fine },
         RenderSettings { cutoff: 0.0, ..fine },
+        RenderSettings { outline: 0.0, ..fine },
         RenderSettings { background: [0.0, f32::NAN, 0.0, 0.0], ..fine },
     ] {
         assert!(matches!(refused(settings, ReferenceKind::R1, vec![]), SceneError::Setting { .. }));

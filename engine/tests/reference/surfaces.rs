@@ -26,16 +26,16 @@ fn opaque_plane_is_opaque_at_its_depth() {
 }
 
 #[test]
-fn what_the_cut_off_takes_is_given_back() {
+fn what_the_outline_takes_is_given_back() {
     let sheet = thinned(&plane(Vec3::Z * 10.0, Vec3::NEG_Z, 9, 1.0, GREEN));
-    for cutoff in [4.0, 12.25] {
+    for outline in [4.0, 12.25] {
         // 16×16 pixels over 4×4 surfels: their mean is that of the coverage.
-        let settings = RenderSettings { cutoff, ..unlit(0.0) };
+        let settings = RenderSettings { outline, ..unlit(0.0) };
         let frame = draw(vec![sheet.clone()], &orthographic(4.0, 16), &settings);
         let mean = frame.color.iter().map(|color| f64::from(color[3])).sum::<f64>() / 256.0;
         // Without giving back it would be less by e^{-ρ/2}: .07 and .0011. 256 samples of a disc with edge
         // e^{-ρ/2}/4 resolve its area within a few per cent of that.
-        close(mean, 0.5 / 0.99, 0.1 * 0.5 * (-0.5 * cutoff).exp());
+        close(mean, 0.5 / 0.99, 0.1 * 0.5 * (-0.5 * outline).exp());
     }
 }
 

@@ -86,7 +86,8 @@ pub(super) fn compare(
         let Some(only) = found.or(expected) else { return Ok(()) };
         // One alone: where its rectangle is next to empty, it ends at the near plane, or it is seen edge-on.
         let is_slim = (0..2).any(|axis| only.rect.max[axis] - only.rect.min[axis] <= 1);
-        let end = footprint.depth_range(settings.cutoff)[1] - projector.view.camera.near();
+        let end = footprint.depth_range(settings.cutoff_of(&projector.columns.kind))[1]
+            - projector.view.camera.near();
         let ends_at_near = end.abs() <= 2.0 * bounds.position + EPSILON * extent;
         let normal = (projector.normal_to_camera * scalar_normal(projector, index)).normalize_or_zero();
         let ray = if perspective { footprint.center_ray } else { DVec3::Z };
@@ -215,7 +216,7 @@ fn compare_rects(
     (footprint, bounds, ratio): (&Footprint, &Bounds, f64),
     (a, b): (&Projected, &Projected),
 ) -> Result<(), String> {
-    let mut cutoff = setup.settings.cutoff;
+    let mut cutoff = if setup.kind >= 2 { setup.settings.outline } else { setup.settings.cutoff };
     if setup.kind == 1 {
         cutoff =
             cutoff.min(2.0 * (f64::from(b.record.amplitude) / setup.settings.least_opacity()).ln()).max(0.0);

@@ -59,7 +59,8 @@ impl<'a> WideProjector<'a> {
     pub(super) fn new(scalar: &'a Projector<'a>) -> Self {
         let lens = &scalar.view.lens;
         let settings = scalar.view.settings;
-        let gain = cutoff_gain(settings.cutoff);
+        let cutoff = settings.cutoff_of(&scalar.columns.kind);
+        let gain = cutoff_gain(cutoff);
         let linear = scalar.cloud_to_camera.matrix3;
         let strength_scale = match scalar.columns.kind {
             columns::Kind::Extinction => scalar.determinant * gain,
@@ -81,7 +82,7 @@ impl<'a> WideProjector<'a> {
             handedness: linear.determinant().signum() as f32,
             strength_scale: strength_scale as f32,
             is_even: !is_surface || is_similarity(linear),
-            cutoff: settings.cutoff as f32,
+            cutoff: cutoff as f32,
             low_pass: lens.low_pass.powi(2) as f32,
             near: scalar.view.camera.near() as f32,
             tolerance: settings.tolerance as f32,
