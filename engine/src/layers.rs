@@ -5,9 +5,10 @@
 //! A-buffer test of Zwicker, Pfister, van Baar, Gross, *Surface splatting*, 2001. Without the plane a tilted
 //! surface whose surfels are smaller than the pixel's filter would fall apart into layers.
 //!
-//! Layers are peeled, block by block: one pass over a block's records finds each pixel's first sample, one sums up what
-//! belongs to it, and what lies behind a layer's limit is left for the next. Nothing is sorted; samples are kept from the first pass to the second. Records come
-//! roughly from near to far, in sixteens of neighbours, so that a block that is covered soon doesn't even look at most of them.
+//! Layers are peeled, block by block: one pass over a block's records finds each pixel's first sample and keeps all that it
+//! takes, one sums up what belongs to it, and what lies behind a layer's limit is left for the next. Nothing is sorted.
+//! Records come roughly from near to far, in sixteens of neighbours, so that a block that is covered soon doesn't even look
+//! at most of them.
 
 use crate::cloud::Cloud;
 use crate::columns::Kind;
