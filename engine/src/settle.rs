@@ -15,9 +15,6 @@ const WINDOW: u32 = 6;
 /// The share of the tolerance that a way may be off in the windows: they are a sample, and the finest way is a little off, too.
 const SHARE: f64 = 0.6;
 
-/// And that the usual cut-off may make of it.
-const SHARE_OF_ENDS: f64 = 0.25;
-
 const fn slabs(thickness: f64) -> Order {
     Order::Slabs { thickness }
 }
@@ -46,10 +43,10 @@ const FINER: [(Order, FootprintForm); 2] =
 
 /// Settles what settings leave to the engine, [`Order::Auto`] and [`FootprintForm::Auto`]: the quickest way that keeps to the tolerance.
 ///
-/// 64 windows of 6×6 pixels, spread over the picture, are drawn in one way after another, from the quickest on, and the first is taken that is within
-/// 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Before that they tell whether dense kernels must be drawn
-/// to where opacities end, beyond the usual cut-off. The picture is then drawn with what this
-/// gives, as often as is wanted: nothing changes from frame to frame.
+/// 64 windows of 6×6 pixels, spread over the picture, are drawn in one way after another, from the quickest on, and the first
+/// is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Kernels are drawn
+/// to where opacities end, or only to the usual cut-off if the way that is taken keeps to that with it, too. The picture is
+/// then drawn with what this gives, as often as is wanted: nothing changes from frame to frame.
 ///
 /// What is not left to the engine stays as it is. Kernels with opacities alone keep the order that defines them and the forms that their bounds ask for; there
 /// is nothing to try, but they are cut off by their opacity alone, which costs little. Surfaces by themselves need no order.
@@ -74,20 +71,25 @@ pub fn settle(
     }
     let nothing = Scene::default();
     let empty = drawn(&nothing, &windows[..1], settings, *last)?[0];
-    let farther = RenderSettings { cutoff: opacities_end(settings), ..*settings };
-    let ends = |settings: &RenderSettings| drawn(scene, &windows, settings, ways[0]);
-    let is_cut_short = farther.cutoff > settings.cutoff
-        && !scene.clouds.iter().all(|cloud| cloud.is_surface())
-        && error(&ends(&farther)?, &ends(settings)?, empty) > SHARE_OF_ENDS * settings.tolerance;
-    let settings = if is_cut_short { &farther } else { settings };
-    let truth = drawn(scene, &windows, settings, *last)?;
+    let usual = *settings;
+    let has_kernels = !scene.clouds.iter().all(|cloud| cloud.is_surface());
+    let farther = if has_kernels { opacities_end(settings) } else { settings.cutoff };
+    let farther = RenderSettings { cutoff: farther, ..usual };
+    let truth = drawn(scene, &windows, &farther, *last)?;
+    let keeps_to_it = |settings: &RenderSettings, way: (Order, FootprintForm)| {
+        let found = drawn(scene, &windows, settings, way)?;
+        Ok::<_, SceneError>(error(&truth, &found, empty) <= SHARE * settings.tolerance)
+    };
+    let mut taken = *last;
     for way in others {
-        let found = drawn(scene, &windows, settings, *way)?;
-        if error(&truth, &found, empty) <= SHARE * settings.tolerance {
-            return Ok(RenderSettings { order: way.0, footprint: way.1, ..*settings });
+        if keeps_to_it(&farther, *way)? {
+            taken = *way;
+            break;
         }
     }
-    Ok(RenderSettings { order: last.0, footprint: last.1, ..*settings })
+    let is_cut_short = farther.cutoff > usual.cutoff && !keeps_to_it(&usual, taken)?;
+    let settings = if is_cut_short { farther } else { usual };
+    Ok(RenderSettings { order: taken.0, footprint: taken.1, ..settings })
 }
 
 /// The cut-off where the densest opacity falls below the least that counts, no less than the usual one.
