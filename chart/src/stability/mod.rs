@@ -14,6 +14,7 @@ mod outside;
 mod overlap;
 mod precision;
 mod setups;
+mod step_edge;
 mod thin_fog;
 mod turning;
 mod visibility;

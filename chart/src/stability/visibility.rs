@@ -1,7 +1,7 @@
 //! Case 12: which surface is seen.
 
 use super::setups::*;
-use super::{Case, Findings};
+use super::{Case, Findings, step_edge};
 use crate::curves::{Axis, Curve, Panel, Role};
 use glam::{DVec2, DVec3, Mat3, Vec3};
 use oblate_engine::{Camera, Cloud, FootprintForm, Frame, Pose, ReferenceKind, RenderSettings, Strength};
@@ -10,7 +10,7 @@ use oblate_surfels::{Density, Mesh, SamplerSettings, primitives, sample};
 pub(super) const CASE: Case = Case {
     number: 12,
     title: "Which surface is seen",
-    criterion: "Of two parallel sheets the back one shows through by at most 1/255 where it is two or more surfel radii behind, tilted by up to 88°; the front one lets at most 1/255 through. A closed surface has no hole pixel from a quarter of a pixel a surfel to sixteen. A disc on its edge is drawn as the sliver that it is.",
+    criterion: "Of two parallel sheets the back one shows through by at most 1/255 where it is two or more surfel radii behind, tilted by up to 88°; the front one lets at most 1/255 through. A closed surface has no hole pixel from a quarter of a pixel a surfel to sixteen. A disc on its edge is drawn as the sliver that it is. A depth image with a step, seen from beside, shows what it has seen and nothing else, but for two pixels along the edges.",
     run,
 };
 
@@ -254,6 +254,8 @@ fn run() -> Findings {
             at_most(curve.role, &curve.name, "disc near its edge drawn too large, share", worst, 0.01);
         verdicts.push(if curve.role == Role::Baseline { failing(verdict) } else { verdict });
     }
+    let (of_steps, steps_of_depth) = step_edge::run();
+    verdicts.extend(of_steps);
     let panel = Panel::of_errors;
     let panels = vec![
         panel(
@@ -284,6 +286,7 @@ fn run() -> Findings {
             0.01,
             slivers,
         ),
+        steps_of_depth,
     ];
     Findings { panels, verdicts }
 }
