@@ -1,23 +1,52 @@
-//! The best of each trade between time and error.
+//! The best of each trade between time and error, as far as times can tell.
 
-/// A way must be quicker or more accurate by this share to beat another: medians of one run and the next differ by as much.
+use serde::Serialize;
+
+/// A way must be quicker or more accurate by this share to beat another.
 pub const MARGIN: f64 = 0.1;
 
-/// Which of some pairs (time, error) are the best: no other one is no worse in both, and better in one by more than [`MARGIN`].
-/// What isn't finite is never among them.
-pub fn front(points: &[[f64; 2]]) -> Vec<bool> {
+/// How a way stands beside the others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Standing {
+    /// Nothing beats it, nor would if it had taken longer by as much as times vary.
+    Best,
+    /// Nothing beats it, by less than times vary: another run may find otherwise.
+    Close,
+    /// Another is no worse in both time and error, and better in one by more than [`MARGIN`].
+    Beaten,
+}
+
+impl Standing {
+    /// Whether it is on the front.
+    pub fn is_on_front(self) -> bool {
+        self != Self::Beaten
+    }
+}
+
+/// How some pairs (time, error) stand, where the same thing may take `variation` times as long the next time. What isn't finite is
+/// beaten.
+pub fn front(points: &[[f64; 2]], variation: f64) -> Vec<Standing> {
     let beats = |a: [f64; 2], b: [f64; 2]| {
         let is_no_worse = a[0] <= b[0] && a[1] <= b[1];
         is_no_worse && (a[0] < b[0] * (1.0 - MARGIN) || a[1] < b[1] * (1.0 - MARGIN))
     };
-    let is_best = |point: &[f64; 2]| {
-        point.iter().all(|x| x.is_finite()) && !points.iter().any(|other| beats(*other, *point))
+    let standing = |(place, point): (usize, &[f64; 2])| {
+        let is_beaten = |as_if: [f64; 2]| {
+            points.iter().enumerate().any(|(other, pair)| other != place && beats(*pair, as_if))
+        };
+        match *point {
+            [time, error] if !time.is_finite() || !error.is_finite() || is_beaten(*point) => Standing::Beaten,
+            [time, error] if is_beaten([time * variation, error]) => Standing::Close,
+            _ => Standing::Best,
+        }
     };
-    points.iter().map(is_best).collect()
+    points.iter().enumerate().map(standing).collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use super::Standing::{Beaten, Best, Close};
     use super::*;
 
     #[test]
@@ -25,6 +54,16 @@ mod tests {
         let points =
             [[1.0, 5.0], [2.0, 3.0], [2.5, 3.0], [4.0, 1.0], [4.0, 6.0], [1.05, 4.9], [f64::NAN, 0.0]];
         // The sixth is slower than the first by less than can be told, and the first no worse by less.
-        assert_eq!(front(&points), [true, true, false, true, false, true, false]);
+        assert_eq!(front(&points, 1.0), [Best, Best, Beaten, Best, Beaten, Best, Beaten]);
+    }
+
+    #[test]
+    fn what_a_little_more_time_would_change_is_close() {
+        // The first two take as long and differ in error; the third is quicker than all.
+        let points = [[2.0, 3.0], [2.1, 1.0], [1.0, 9.0]];
+        assert_eq!(front(&points, 1.2), [Close, Best, Best]);
+        assert_eq!(front(&[[2.0, 3.0], [1.9, 1.0], [1.0, 9.0]], 1.2), [Beaten, Best, Best]);
+        // By itself a way is the best however long it takes.
+        assert_eq!(front(&[[7.0, 0.0]], 3.0), [Best]);
     }
 }

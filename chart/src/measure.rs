@@ -1,6 +1,6 @@
 //! Pictures, times and errors of the ways in which a subject can be drawn.
 
-use crate::front::front;
+use crate::front::{MARGIN, Standing, front};
 use crate::methods::{Family, Method, methods, way};
 use crate::scenes::{Known, Peer, Scale, Subject};
 use crate::windows::{Window, Windows};
@@ -70,6 +70,8 @@ pub struct Measured {
     pub references: [String; 2],
     /// Left, top, width, height in pixels of the parts that each reference draws.
     pub windows: [Vec<[u32; 4]>; 2],
+    /// How many times as long as at its quickest a picture takes at the median, in nine ways of ten.
+    pub variation: f64,
     /// The ways of drawing; the first is the default.
     pub rows: Vec<Row>,
     /// What people look at: the whole picture, and parts of it beside what is right there.
@@ -94,8 +96,8 @@ pub struct Row {
     pub visible: Option<[u64; 2]>,
     /// Errors to each reference.
     pub errors: [Option<Errors>; 2],
-    /// Whether it is among the best, by time and 99.9 % error to each reference.
-    pub is_best: [bool; 2],
+    /// How it stands by time and 99.9 % error to each reference.
+    pub standing: [Standing; 2],
 }
 
 /// How far pictures are apart, in values of the space of blending, where white is 1.
@@ -264,7 +266,7 @@ pub fn measure(subject: &Subject, plan: &Plan, watch: &dyn Watch) -> Result<Meas
         let errors = [r1.errors(&values, width)?, second.errors(&values, width)?];
         let (median_ms, spread_ms) = (peer.median_ms, peer.spread_ms);
         let (method, family) = (peer.name.clone(), Family::Peer);
-        let is_best = [false; 2];
+        let standing = [Standing::Beaten; 2];
         rows.push(Row {
             settled: None,
             method,
@@ -273,9 +275,10 @@ pub fn measure(subject: &Subject, plan: &Plan, watch: &dyn Watch) -> Result<Meas
             spread_ms,
             visible: None,
             errors: errors.map(Some),
-            is_best,
+            standing,
         });
     }
+    let variation = variation(&rows);
     for which in 0..2 {
         let points = rows.iter().map(|row| {
             // Another filter is another picture, no better or worse one; and programs of others drew what they were given, not this.
@@ -284,8 +287,8 @@ pub fn measure(subject: &Subject, plan: &Plan, watch: &dyn Watch) -> Result<Meas
             // The least of the times: what else the machine does only adds to them.
             [row.spread_ms[0], error]
         });
-        let best = front(&points.collect::<Vec<_>>());
-        rows.iter_mut().zip(best).for_each(|(row, is_best)| row.is_best[which] = is_best);
+        let standings = front(&points.collect::<Vec<_>>(), variation);
+        rows.iter_mut().zip(standings).for_each(|(row, standing)| row.standing[which] = standing);
     }
     let corners = |truth: &Truth| {
         let corners = |window: &Window| [window.low.x, window.low.y, window.size.x, window.size.y];
@@ -298,9 +301,19 @@ pub fn measure(subject: &Subject, plan: &Plan, watch: &dyn Watch) -> Result<Meas
         size: subject.camera.size(),
         references: [r1.name.clone(), second.name.clone()],
         windows: [corners(&r1), corners(&second)],
+        variation,
         rows,
         pictures: pictures(subject, [&r1, &second], &contenders),
     })
+}
+
+/// By how much times vary, told by those that were taken several times.
+fn variation(rows: &[Row]) -> f64 {
+    let is_own = |row: &&Row| row.family != Family::Peer && row.spread_ms[1] > row.spread_ms[0];
+    let mut ratios: Vec<f64> =
+        rows.iter().filter(is_own).map(|row| row.median_ms / row.spread_ms[0]).collect();
+    ratios.sort_by(f64::total_cmp);
+    ratios.get(ratios.len() * 9 / 10).copied().unwrap_or(1.0 + MARGIN)
 }
 
 fn row(contender: &Contender<'_>, errors: [Option<Errors>; 2]) -> Row {
@@ -315,7 +328,7 @@ fn row(contender: &Contender<'_>, errors: [Option<Errors>; 2]) -> Row {
         settled: contender.settled.clone(),
         visible: contender.other.is_none().then_some([counts.visible, counts.merged]),
         errors,
-        is_best: [false; 2],
+        standing: [Standing::Beaten; 2],
     }
 }
 

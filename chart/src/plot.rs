@@ -1,6 +1,7 @@
 //! Measurements and curves as SVG and PNG.
 
 use crate::curves::{Axis, Curve, Panel, Role};
+use crate::front::Standing;
 use crate::measure::{Measured, Row};
 use crate::methods::{Family, LEVEL};
 use kuva::backend::png::PngBackend;
@@ -99,7 +100,7 @@ fn scatter(measured: &Measured, which: usize, is_named: bool) -> (Vec<Plot>, Lay
     };
     let mut plots = Vec::new();
     let mut best: Vec<(f64, f64)> =
-        measured.rows.iter().filter(|row| row.is_best[which]).filter_map(at).collect();
+        measured.rows.iter().filter(|row| row.standing[which].is_on_front()).filter_map(at).collect();
     best.sort_by(|a, b| a.0.total_cmp(&b.0));
     plots.push(Plot::Line(
         LinePlot::new().with_data(best).with_color("#bbbbbb").with_stroke_width(2.0).with_legend("best"),
@@ -122,7 +123,8 @@ fn scatter(measured: &Measured, which: usize, is_named: bool) -> (Vec<Plot>, Lay
             .with_legend(family.name());
         if is_named {
             let name = |row: &&Row| {
-                let is_shown = row.is_best[which] || row.method == "default" || family == Family::Peer;
+                let is_best = row.standing[which] == Standing::Best;
+                let is_shown = is_best || row.method == "default" || family == Family::Peer;
                 if is_shown { row.method.clone() } else { String::new() }
             };
             plot = plot.with_labels(rows.iter().map(name)).with_repel_labels();

@@ -1,5 +1,6 @@
 //! Everything that was found on one page, which needs no network.
 
+use crate::front::Standing;
 use crate::measure::{Errors, Measured, Picture, Row};
 use crate::methods::{Family, LEVEL};
 use crate::plot::{Drawing, PlotError, chart, panel};
@@ -129,7 +130,8 @@ fn head(machine: &Machine) -> String {
          filtered splats exactly along each pixel's ray (trained splats by themselves are defined by sorted centres: there it sorts them): it shows what order, overlap \
          and footprint cost. <b>R2</b> takes the splats as they are and many rays a pixel: it also shows the error of filtering each splat separately. In charts \
          both axes are logarithmic, and lower left is better; the dashed line at 1/255 is one step of an 8-bit picture. A way is among the best, on the grey line and in blue rows, \
-         if no other is no worse in both time and error and better by a tenth in one.</p>\n"
+         if no other is no worse in both time and error and better by a tenth in one. It is named in the chart, and its row is of a stronger blue, if that would still \
+         be so had it taken longer by as much as the times of this run vary; else another run may find otherwise.</p>\n"
     )
 }
 
@@ -150,7 +152,7 @@ const WORDS: &str = "<details><summary>What the ways are, and the options for th
 
 const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;color:#222;background:#fff;margin:0}main{max-width:1120px;margin:auto;padding:1em}\
     table{border-collapse:collapse;margin:1em 0;font-size:13px}td,th{padding:.15em .7em;text-align:right;border-bottom:1px solid #ddd}\
-    td:first-child,th:first-child{text-align:left}tr.best{background:#eef6ff}tr.first{font-weight:bold}.fails{color:#b00}.passes{color:#070}\
+    td:first-child,th:first-child{text-align:left}tr.best{background:#dcecff}tr.close{background:#f3f8ff}tr.first{font-weight:bold}.fails{color:#b00}.passes{color:#070}\
     figure{margin:1em 0;display:inline-block}figure svg{max-width:100%;height:auto}.pictures figure{margin:0 .6em .6em 0;font-size:13px}\
     .pictures img{image-rendering:pixelated;display:block;width:260px}details summary{cursor:pointer}code{font-size:13px}";
 
@@ -239,17 +241,17 @@ fn subject(measured: &Measured, files: &mut Vec<File>) -> Result<String, PlotErr
          <th>{first}: PSNR</th><th>99.9 %</th><th>largest</th><th>SSIM</th><th>{second}: PSNR</th><th>99.9 %</th><th>largest</th><th>SSIM</th></tr>"
     );
     for (place, row) in measured.rows.iter().enumerate() {
-        let class = match (place, row.is_best[0]) {
-            (0, true) => "first best",
-            (0, false) => "first",
-            (_, true) => "best",
-            _ => "",
+        let class = match row.standing[0] {
+            Standing::Best => "best",
+            Standing::Close => "close",
+            Standing::Beaten => "",
         };
+        let first = if place == 0 { "first " } else { "" };
         let [quickest, slowest] = row.spread_ms.map(milliseconds);
         let splats = row.visible.map_or(String::new(), |[visible, _]| visible.to_string());
         let _ = writeln!(
             text,
-            "<tr class=\"{class}\"><td>{}{}</td><td>{}</td><td>{quickest}, {slowest}</td><td>{splats}</td>{}{}</tr>",
+            "<tr class=\"{first}{class}\"><td>{}{}</td><td>{}</td><td>{quickest}, {slowest}</td><td>{splats}</td>{}{}</tr>",
             escaped(&row.method),
             row.settled.as_ref().map_or(String::new(), |(way, _)| format!(" ({})", escaped(way))),
             milliseconds(row.median_ms),

@@ -34,7 +34,7 @@ fn peers_have_rows_of_their_own() {
     // Grey is far from any picture of the room, and an error is at most that of black to white.
     let worst = row["errors"][1]["max"].as_f64().unwrap();
     assert!((0.1..=1.0).contains(&worst), "{worst}");
-    assert_eq!(row["is_best"], json!([false, false]));
+    assert_eq!(row["standing"], json!(["beaten", "beaten"]));
 }
 
 #[test]
