@@ -64,7 +64,7 @@ pub struct Method {
     pub settings: RenderSettings,
 }
 
-/// How kernels are ordered and footprints are made, in words.
+/// How kernels are ordered, footprints are made and, where that is not as usual, where kernels end, in words.
 pub fn way(settings: &RenderSettings) -> String {
     let order = match settings.order {
         Order::Auto => "layers".into(),
@@ -79,7 +79,11 @@ pub fn way(settings: &RenderSettings) -> String {
         FootprintForm::Affine => "affine",
         FootprintForm::Exact => "exact",
     };
-    format!("{order}, {form}")
+    let ends = match settings.cutoff {
+        cutoff if cutoff == RenderSettings::default().cutoff => String::new(),
+        cutoff => format!(", to ρ = {}", (cutoff * 100.0).round() / 100.0),
+    };
+    format!("{order}, {form}{ends}")
 }
 
 /// Tolerances in levels of 255.

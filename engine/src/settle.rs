@@ -15,6 +15,9 @@ const WINDOW: u32 = 6;
 /// The share of the tolerance that a way may be off in the windows: they are a sample, and the finest way is a little off, too.
 const SHARE: f64 = 0.6;
 
+/// Where kernels may end, nearer than usual.
+const NEARER: [f64; 3] = [9.0, 6.25, 4.0];
+
 const fn slabs(thickness: f64) -> Order {
     Order::Slabs { thickness }
 }
@@ -45,8 +48,8 @@ const FINER: [(Order, FootprintForm); 2] =
 ///
 /// 64 windows of 6×6 pixels, spread over the picture, are drawn in one way after another, from the quickest on, and the first
 /// is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Kernels are drawn
-/// to where opacities end, or only to the usual cut-off if the way that is taken keeps to that with it, too. The picture is
-/// then drawn with what this gives, as often as is wanted: nothing changes from frame to frame.
+/// to where opacities end; then the way that is taken is drawn with ever nearer cut-offs, down to 2σ, as long as it keeps to that,
+/// too. The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame.
 ///
 /// What is not left to the engine stays as it is. Kernels with opacities alone keep the order that defines them and the forms that their bounds ask for; there
 /// is nothing to try, but they are cut off by their opacity alone, which costs little. Surfaces by themselves need no order.
@@ -87,9 +90,15 @@ pub fn settle(
             break;
         }
     }
-    let is_cut_short = farther.cutoff > usual.cutoff && !keeps_to_it(&usual, taken)?;
-    let settings = if is_cut_short { farther } else { usual };
-    Ok(RenderSettings { order: taken.0, footprint: taken.1, ..settings })
+    let mut cutoff = farther.cutoff;
+    let nearer = NEARER.into_iter().filter(|nearer| *nearer < usual.cutoff);
+    for nearer in [usual.cutoff].into_iter().chain(nearer).filter(|_| has_kernels) {
+        if nearer < cutoff && !keeps_to_it(&RenderSettings { cutoff: nearer, ..usual }, taken)? {
+            break;
+        }
+        cutoff = nearer;
+    }
+    Ok(RenderSettings { order: taken.0, footprint: taken.1, cutoff, ..usual })
 }
 
 /// The cut-off where the densest opacity falls below the least that counts, no less than the usual one.
