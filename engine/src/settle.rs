@@ -15,8 +15,10 @@ const WINDOW: u32 = 6;
 /// The share of the tolerance that a way may be off in the windows: they are a sample, and the finest way is a little off, too.
 const SHARE: f64 = 0.6;
 
-/// Where kernels may end, nearer than usual.
-const NEARER: [f64; 3] = [9.0, 6.25, 4.0];
+/// Where kernels may end, nearer than usual, and the share that they may then be off: what is lost there lies in few pixels, at
+/// the borders of volumes, of which windows see a third.
+const NEARER: f64 = 9.0;
+const SHARE_OF_NEARER: f64 = 0.2;
 
 const fn slabs(thickness: f64) -> Order {
     Order::Slabs { thickness }
@@ -48,8 +50,8 @@ const FINER: [(Order, FootprintForm); 2] =
 ///
 /// 64 windows of 6×6 pixels, spread over the picture, are drawn in one way after another, from the quickest on, and the first
 /// is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Kernels are drawn
-/// to where opacities end; then the way that is taken is drawn with ever nearer cut-offs, down to 2σ, as long as it keeps to that,
-/// too. The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame.
+/// to where opacities end; then the way that is taken is drawn with nearer cut-offs, the usual one and 3σ, which it keeps if it is
+/// within 0.6 of the tolerance, and 0.2 of it at 3σ. The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame.
 ///
 /// What is not left to the engine stays as it is. Kernels with opacities alone keep the order that defines them and the forms that their bounds ask for; there
 /// is nothing to try, but they are cut off by their opacity alone, which costs little. Surfaces by themselves need no order.
@@ -79,24 +81,26 @@ pub fn settle(
     let farther = if has_kernels { opacities_end(settings) } else { settings.cutoff };
     let farther = RenderSettings { cutoff: farther, ..usual };
     let truth = drawn(scene, &windows, &farther, *last)?;
-    let keeps_to_it = |settings: &RenderSettings, way: (Order, FootprintForm)| {
+    let keeps_to = |share: f64, settings: &RenderSettings, way: (Order, FootprintForm)| {
         let found = drawn(scene, &windows, settings, way)?;
-        Ok::<_, SceneError>(error(&truth, &found, empty) <= SHARE * settings.tolerance)
+        Ok::<_, SceneError>(error(&truth, &found, empty) <= share * settings.tolerance)
     };
     let mut taken = *last;
     for way in others {
-        if keeps_to_it(&farther, *way)? {
+        if keeps_to(SHARE, &farther, *way)? {
             taken = *way;
             break;
         }
     }
     let mut cutoff = farther.cutoff;
-    let nearer = NEARER.into_iter().filter(|nearer| *nearer < usual.cutoff);
-    for nearer in [usual.cutoff].into_iter().chain(nearer).filter(|_| has_kernels) {
-        if nearer < cutoff && !keeps_to_it(&RenderSettings { cutoff: nearer, ..usual }, taken)? {
-            break;
+    for (nearer, share) in [(usual.cutoff, SHARE), (NEARER, SHARE_OF_NEARER)] {
+        let settings = RenderSettings { cutoff: nearer, ..usual };
+        if nearer < cutoff && has_kernels {
+            if !keeps_to(share, &settings, taken)? {
+                break;
+            }
+            cutoff = nearer;
         }
-        cutoff = nearer;
     }
     Ok(RenderSettings { order: taken.0, footprint: taken.1, cutoff, ..usual })
 }
