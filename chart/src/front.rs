@@ -24,24 +24,25 @@ impl Standing {
     }
 }
 
-/// How some pairs (time, error) stand, where the same thing may take `variation` times as long the next time. What isn't finite is
-/// beaten.
+/// How some pairs (time, error) stand, where the same thing may take `variation` times as long the next time. Pairs with the same
+/// error are most often the same picture, drawn in the same way: they make each other no less certain. What isn't finite is beaten.
 pub fn front(points: &[[f64; 2]], variation: f64) -> Vec<Standing> {
     let beats = |a: [f64; 2], b: [f64; 2]| {
         let is_no_worse = a[0] <= b[0] && a[1] <= b[1];
         is_no_worse && (a[0] < b[0] * (1.0 - MARGIN) || a[1] < b[1] * (1.0 - MARGIN))
     };
-    let standing = |(place, point): (usize, &[f64; 2])| {
-        let is_beaten = |as_if: [f64; 2]| {
-            points.iter().enumerate().any(|(other, pair)| other != place && beats(*pair, as_if))
-        };
-        match *point {
-            [time, error] if !time.is_finite() || !error.is_finite() || is_beaten(*point) => Standing::Beaten,
-            [time, error] if is_beaten([time * variation, error]) => Standing::Close,
-            _ => Standing::Best,
+    let standing = |point: &[f64; 2]| {
+        let [time, error] = *point;
+        let slower = [time * variation, error];
+        if !time.is_finite() || !error.is_finite() || points.iter().any(|other| beats(*other, *point)) {
+            Standing::Beaten
+        } else if points.iter().any(|other| other[1] != error && beats(*other, slower)) {
+            Standing::Close
+        } else {
+            Standing::Best
         }
     };
-    points.iter().enumerate().map(standing).collect()
+    points.iter().map(standing).collect()
 }
 
 #[cfg(test)]
@@ -63,6 +64,8 @@ mod tests {
         let points = [[2.0, 3.0], [2.1, 1.0], [1.0, 9.0]];
         assert_eq!(front(&points, 1.2), [Close, Best, Best]);
         assert_eq!(front(&[[2.0, 3.0], [1.9, 1.0], [1.0, 9.0]], 1.2), [Beaten, Best, Best]);
+        // The same picture twice.
+        assert_eq!(front(&[[2.0, 3.0], [2.1, 3.0], [1.0, 9.0]], 1.3), [Best; 3]);
         // By itself a way is the best however long it takes.
         assert_eq!(front(&[[7.0, 0.0]], 3.0), [Best]);
     }

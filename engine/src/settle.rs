@@ -16,16 +16,19 @@ const WINDOW: u32 = 6;
 const SHARE: f64 = 0.6;
 
 /// Where kernels may end, nearer than usual, and the share that they may then be off: what is lost there lies in few pixels, at
-/// the borders of volumes, of which windows see a third.
+/// the borders of volumes, of which windows may miss most.
 const NEARER: f64 = 9.0;
 const SHARE_OF_NEARER: f64 = 0.2;
+
+/// Fewer pixels that show anything tell nothing of that.
+const LEAST_SHOWN: usize = 100;
 
 const fn slabs(thickness: f64) -> Order {
     Order::Slabs { thickness }
 }
 
-/// Ways of drawing kernels, from the quickest to the finest. Where forms are left to the engine, each splat is as exact as its own bound asks
-/// for; bounds leave out that errors of neighbours cancel, which trials see.
+/// Ways of drawing kernels, from the quickest to the finest. Where forms are left to the engine, each splat is as exact as its
+/// own bound asks for; bounds leave out that errors of neighbours cancel, which trials see.
 const WAYS: [(Order, FootprintForm); 11] = [
     (Order::Centers, FootprintForm::Affine),
     (slabs(2.45), FootprintForm::Affine),
@@ -46,15 +49,18 @@ const FINE: Order = slabs(0.5);
 const FINER: [(Order, FootprintForm); 2] =
     [(slabs(0.25), FootprintForm::Auto), (slabs(0.25), FootprintForm::Exact)];
 
-/// Settles what settings leave to the engine, [`Order::Auto`] and [`FootprintForm::Auto`]: the quickest way that keeps to the tolerance.
+/// Settles what settings leave to the engine, [`Order::Auto`] and [`FootprintForm::Auto`]: the quickest way that keeps to the
+/// tolerance.
 ///
 /// 64 windows of 6×6 pixels, spread over the picture, are drawn in one way after another, from the quickest on, and the first
 /// is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Kernels are drawn
-/// to where opacities end; then the way that is taken is drawn with nearer cut-offs, the usual one and 3σ, which it keeps if it is
-/// within 0.6 of the tolerance, and 0.2 of it at 3σ. The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame.
+/// to where opacities end; then the way that is taken is drawn with nearer ends: with [`RenderSettings::cutoff`], which is kept
+/// if that is within 0.6 of the tolerance, too, and, where that is what it is by default, with 9, if within 0.2 of it. The
+/// picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame.
 ///
-/// What is not left to the engine stays as it is. Kernels with opacities alone keep the order that defines them and the forms that their bounds ask for; there
-/// is nothing to try, but they are cut off by their opacity alone, which costs little. Surfaces by themselves need no order.
+/// An order or a form that is not left to the engine stays as it is; with both, all does. Kernels with opacities alone keep the
+/// order that defines them and the forms that their bounds ask for; there is nothing to try, but they are cut off by their opacity
+/// alone, which costs little. Surfaces by themselves need no order.
 ///
 /// # Errors
 /// Those of [`crate::render()`].
@@ -93,14 +99,14 @@ pub fn settle(
         }
     }
     let mut cutoff = farther.cutoff;
-    for (nearer, share) in [(usual.cutoff, SHARE), (NEARER, SHARE_OF_NEARER)] {
-        let settings = RenderSettings { cutoff: nearer, ..usual };
-        if nearer < cutoff && has_kernels {
-            if !keeps_to(share, &settings, taken)? {
-                break;
-            }
-            cutoff = nearer;
+    let shown = truth.iter().filter(|pixel| **pixel != empty).count();
+    let is_left_open = usual.cutoff == RenderSettings::default().cutoff && shown >= LEAST_SHOWN;
+    let nearer = is_left_open.then_some((NEARER, SHARE_OF_NEARER));
+    for (nearer, share) in [(usual.cutoff, SHARE)].into_iter().chain(nearer).filter(|_| has_kernels) {
+        if nearer < cutoff && !keeps_to(share, &RenderSettings { cutoff: nearer, ..usual }, taken)? {
+            break;
         }
+        cutoff = nearer;
     }
     Ok(RenderSettings { order: taken.0, footprint: taken.1, cutoff, ..usual })
 }

@@ -41,15 +41,15 @@ fn alike(clouds: &[Cloud], camera: &Camera, settings: &RenderSettings) -> (Frame
     assert!(rest.visible <= all.visible && rest.visible + rest.occluded >= all.visible);
     // A layer's samples are summed batch by batch, and what is left out moves the batches' ends: sums of up to a hundred
     // terms differ by as many roundings, 2⁻²⁴ of the sum each, more where layers take from each other.
-    let most = |frame: &Frame, other: &Frame, place: usize| {
-        let pairs = frame.color[place].iter().zip(&other.color[place]);
-        let pairs = pairs.chain(frame.normal[place].iter().zip(&other.normal[place]));
-        pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+    let are_near = |frame: &Frame, other: &Frame, place: usize| {
+        let colors = frame.color[place].iter().zip(&other.color[place]);
+        let normals = frame.normal[place].iter().zip(&other.normal[place]);
+        colors.chain(normals).all(|(a, b)| (a - b).abs() <= 1e-4)
     };
     for place in 0..without.color.len() {
         let pixel = [place % without.width, place / without.width];
         let (color, other) = (without.color[place], with.color[place]);
-        assert!(most(&without, &with, place) <= 1e-4, "pixel {pixel:?} is {other:?}, not {color:?}");
+        assert!(are_near(&without, &with, place), "pixel {pixel:?} is {other:?}, not {color:?}");
         let (depth, other) = (without.depth[place], with.depth[place]);
         let is_near = depth == other || (depth - other).abs() <= 1e-5 * depth.abs();
         assert!(is_near, "pixel {pixel:?} is {other} away, not {depth}");
