@@ -144,7 +144,7 @@ pub struct RenderSettings {
     pub background: [f32; 4],
     /// The largest error of a channel that is aimed at; shared out between the stages.
     pub tolerance: f64,
-    /// Squared Mahalanobis radius at which kernels are cut off; their mass is renormalised.
+    /// Squared Mahalanobis radius at which kernels are cut off; their mass is renormalised. [`crate::settle()`] may find another.
     pub cutoff: f64,
     /// Squared Mahalanobis radius at which surfels end, to references too: it is a part of what they are.
     pub outline: f64,
