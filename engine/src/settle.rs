@@ -15,10 +15,11 @@ const WINDOW: u32 = 6;
 /// The share of the tolerance that a way may be off in the windows: they are a sample, and the finest way is a little off, too.
 const SHARE: f64 = 0.6;
 
-/// Where kernels may end, nearer than usual, and the share that they may then be off: what is lost there lies in few pixels, at
-/// the borders of volumes, of which windows may miss most.
+/// The share that it may be off where kernels end nearer, which is much the same along all borders.
+const SHARE_OF_ENDS: f64 = 0.8;
+
+/// Where they may end, nearer than usual. Windows may miss most of the few pixels that still nearer ends change.
 const NEARER: f64 = 9.0;
-const SHARE_OF_NEARER: f64 = 0.2;
 
 /// Fewer pixels that show anything tell nothing of that.
 const LEAST_SHOWN: usize = 100;
@@ -55,7 +56,7 @@ const FINER: [(Order, FootprintForm); 2] =
 /// 64 windows of 6×6 pixels, spread over the picture, are drawn in one way after another, from the quickest on, and the first
 /// is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Kernels are drawn
 /// to where opacities end; then the way that is taken is drawn with nearer ends: with [`RenderSettings::cutoff`], which is kept
-/// if that is within 0.6 of the tolerance, too, and, where that is what it is by default, with 9, if within 0.2 of it. The
+/// if that is within 0.8 of the tolerance, and then, where that is what it is by default, with 9, in the same way. The
 /// picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame.
 ///
 /// An order or a form that is not left to the engine stays as it is; with both, all does. Kernels with opacities alone keep the
@@ -101,9 +102,9 @@ pub fn settle(
     let mut cutoff = farther.cutoff;
     let shown = truth.iter().filter(|pixel| **pixel != empty).count();
     let is_left_open = usual.cutoff == RenderSettings::default().cutoff && shown >= LEAST_SHOWN;
-    let nearer = is_left_open.then_some((NEARER, SHARE_OF_NEARER));
-    for (nearer, share) in [(usual.cutoff, SHARE)].into_iter().chain(nearer).filter(|_| has_kernels) {
-        if nearer < cutoff && !keeps_to(share, &RenderSettings { cutoff: nearer, ..usual }, taken)? {
+    let nearer = is_left_open.then_some(NEARER);
+    for nearer in [usual.cutoff].into_iter().chain(nearer).filter(|_| has_kernels) {
+        if nearer < cutoff && !keeps_to(SHARE_OF_ENDS, &RenderSettings { cutoff: nearer, ..usual }, taken)? {
             break;
         }
         cutoff = nearer;
