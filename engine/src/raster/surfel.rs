@@ -281,9 +281,14 @@ impl Surfels {
             #[inline(always)]
             |index| &surfaces.records[index as usize],
         ));
+        // Nor are samples in the cache.
+        let mut samples = [SurfaceSample::default(); BATCH];
+        for (sample, index) in samples.iter_mut().zip(numbers.clone()) {
+            *sample = surfaces.samples[index as usize];
+        }
         self.outlines.end = [lens.cutoff * HALF_LOG2_E; BATCH];
-        for (number, index) in numbers.enumerate().take(BATCH) {
-            let (record, sample) = (&surfaces.records[index as usize], &surfaces.samples[index as usize]);
+        for (number, (index, sample)) in numbers.zip(&samples).enumerate() {
+            let record = &surfaces.records[index as usize];
             let tolerance = surfaces.depth_tolerances[record.tag.cloud as usize];
             self.outlines.set(number, record);
             let surfel = Surfel::new(tile, record, sample, (index, tolerance));
