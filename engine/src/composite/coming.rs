@@ -40,23 +40,25 @@ impl Coming {
             records.extend(list.by_ref().take(BATCH).map(|entry| entry.load(Ordering::Relaxed)));
             return !records.is_empty();
         }
-        // Records are not in the cache. The loop is so short that most are on their way at once.
-        let slabs_of = |record: u32| all[record as usize].amplitude_slope_or_slabs.map(|slab| slab as u32);
-        let mut ahead = [(0, [0; 2]); BATCH];
+        // Records are not in the cache. The loop is so short that most are on their way at once; to round numbers there would make it
+        // long.
+        let slabs_of = |record: u32| all[record as usize].amplitude_slope_or_slabs;
+        let mut ahead = [(0, [0.0; 2]); BATCH];
         let coming = list.as_slice().iter().map(|entry| entry.load(Ordering::Relaxed));
         for (ahead, record) in ahead.iter_mut().zip(coming) {
             *ahead = (record, slabs_of(record));
         }
         let mut ahead = ahead[..list.len().min(BATCH)].iter();
         while records.len() < BATCH {
-            let next = ahead.as_slice().first();
+            let next =
+                ahead.as_slice().first().map(|(record, slabs)| (*record, slabs.map(|slab| slab as u32)));
             let piece = pieces.pop_front_if(|piece| next.is_none_or(|(_, slabs)| piece.first < slabs[0]));
             let (record, [first, mut last]) = match (&piece, next) {
-                (Some(piece), _) => (piece.record, [piece.first, slabs_of(piece.record)[1]]),
+                (Some(piece), _) => (piece.record, [piece.first, slabs_of(piece.record)[1] as u32]),
                 (None, Some(next)) => {
                     list.next();
                     ahead.next();
-                    *next
+                    next
                 }
                 (None, None) => break,
             };
