@@ -281,7 +281,7 @@ impl Surfels {
             #[inline(always)]
             |index| &surfaces.records[index as usize],
         ));
-        // Nor are samples in the cache.
+        // As records, samples are not in the cache.
         let mut samples = [SurfaceSample::default(); BATCH];
         for (sample, index) in samples.iter_mut().zip(numbers.clone()) {
             *sample = surfaces.samples[index as usize];
