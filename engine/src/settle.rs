@@ -12,11 +12,15 @@ use rayon::prelude::*;
 const WINDOWS: u32 = 8;
 const WINDOW: u32 = 6;
 
-/// The share of the tolerance that a way may be off in the windows: they are a sample, and the finest way is a little off, too.
-const SHARE: f64 = 0.6;
+/// The share of the tolerance that 99.9 % of the pixels of windows may be off by in a way: they are a sample.
+const SHARE_OF_WAYS: f64 = 0.6;
 
-/// The share that it may be off where kernels end nearer, which is much the same along all borders.
-const SHARE_OF_ENDS: f64 = 0.8;
+/// The share that 99 % may be off by where kernels end nearer. Windows see little of the tail of these errors, which lie along all
+/// borders: what 99.9 % of a whole picture are off by is up to twice what 99 % are.
+const SHARE_OF_ENDS: f64 = 0.5;
+
+/// The tolerance of what they are compared with, as a share of theirs: where its opacities end it is off, too.
+const TRUTH_OF_ENDS: f64 = 0.125;
 
 /// Where they may end, nearer than usual. Windows may miss most of the few pixels that still nearer ends change.
 const NEARER: f64 = 9.0;
@@ -56,8 +60,9 @@ const FINER: [(Order, FootprintForm); 2] =
 /// 64 windows of 6×6 pixels, spread over the picture, are drawn in one way after another, from the quickest on, and the first
 /// is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Kernels are drawn
 /// to where opacities end; then the way that is taken is drawn with nearer ends: with [`RenderSettings::cutoff`], which is kept
-/// if that is within 0.8 of the tolerance, and then, where that is what it is by default, with 9, in the same way. The
-/// picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame.
+/// if 99 % of the pixels are within half of the tolerance of the finest way at an eighth of the tolerance, and then, where that is what it
+/// is by default, with 9. The picture is then drawn with what this gives, as often as is wanted: nothing
+/// changes from frame to frame.
 ///
 /// An order or a form that is not left to the engine stays as it is; with both, all does. Kernels with opacities alone keep the
 /// order that defines them and the forms that their bounds ask for; there is nothing to try, but they are cut off by their opacity
@@ -73,7 +78,7 @@ pub fn settle(
     settings.validate()?;
     scene.validate()?;
     if scene.is_sorted_by_definition() && settings.order == Order::Auto {
-        return Ok(RenderSettings { order: Order::Centers, cutoff: opacities_end(settings), ..*settings });
+        return Ok(RenderSettings { order: Order::Centers, ..farther(settings) });
     }
     let ways = ways(scene, settings);
     let [others @ .., last] = &ways[..] else { return Ok(*settings) };
@@ -85,31 +90,38 @@ pub fn settle(
     let empty = drawn(&nothing, &windows[..1], settings, *last)?[0];
     let usual = *settings;
     let has_kernels = !scene.clouds.iter().all(|cloud| cloud.is_surface());
-    let farther = if has_kernels { opacities_end(settings) } else { settings.cutoff };
-    let farther = RenderSettings { cutoff: farther, ..usual };
-    let truth = drawn(scene, &windows, &farther, *last)?;
-    let keeps_to = |share: f64, settings: &RenderSettings, way: (Order, FootprintForm)| {
-        let found = drawn(scene, &windows, settings, way)?;
-        Ok::<_, SceneError>(error(&truth, &found, empty) <= share * settings.tolerance)
-    };
+    let own = if has_kernels { farther(settings) } else { usual };
+    let truth = drawn(scene, &windows, &own, *last)?;
     let mut taken = *last;
     for way in others {
-        if keeps_to(SHARE, &farther, *way)? {
+        let found = drawn(scene, &windows, &own, *way)?;
+        if error(&truth, &found, (empty, 0.999)) <= SHARE_OF_WAYS * usual.tolerance {
             taken = *way;
             break;
         }
     }
-    let mut cutoff = farther.cutoff;
+    let mut cutoff = own.cutoff;
     let shown = truth.iter().filter(|pixel| **pixel != empty).count();
     let is_left_open = usual.cutoff == RenderSettings::default().cutoff && shown >= LEAST_SHOWN;
-    let nearer = is_left_open.then_some(NEARER);
-    for nearer in [usual.cutoff].into_iter().chain(nearer).filter(|_| has_kernels) {
-        if nearer < cutoff && !keeps_to(SHARE_OF_ENDS, &RenderSettings { cutoff: nearer, ..usual }, taken)? {
-            break;
+    let nearer = [Some(usual.cutoff), is_left_open.then_some(NEARER)].into_iter().flatten();
+    let nearer: Vec<f64> = nearer.filter(|nearer| has_kernels && *nearer < cutoff).collect();
+    if !nearer.is_empty() {
+        let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * usual.tolerance, ..usual };
+        let truth = drawn(scene, &windows, &farther(&strict), *last)?;
+        for nearer in nearer {
+            let found = drawn(scene, &windows, &RenderSettings { cutoff: nearer, ..usual }, taken)?;
+            if error(&truth, &found, (empty, 0.99)) > SHARE_OF_ENDS * usual.tolerance {
+                break;
+            }
+            cutoff = nearer;
         }
-        cutoff = nearer;
     }
     Ok(RenderSettings { order: taken.0, footprint: taken.1, cutoff, ..usual })
+}
+
+/// Settings that draw kernels to where opacities end.
+fn farther(settings: &RenderSettings) -> RenderSettings {
+    RenderSettings { cutoff: opacities_end(settings), ..*settings }
 }
 
 /// The cut-off where the densest opacity falls below the least that counts, no less than the usual one.
@@ -183,12 +195,12 @@ fn drawn(
     Ok(frames.into_iter().flatten().map(encode).collect())
 }
 
-/// The error that 99.9 % of the pixels keep to, of those that show anything.
-fn error(truth: &[[f32; 4]], found: &[[f32; 4]], empty: [f32; 4]) -> f64 {
+/// The error that a share of the pixels keep to, of those that show anything.
+fn error(truth: &[[f32; 4]], found: &[[f32; 4]], (empty, pixels): ([f32; 4], f64)) -> f64 {
     let shown = truth.iter().zip(found).filter(|(a, b)| **a != empty || **b != empty);
     let largest = |(a, b): (&[f32; 4], &[f32; 4])| (0..4).map(|i| (a[i] - b[i]).abs()).fold(0.0, f32::max);
     let mut errors: Vec<f32> = shown.map(largest).collect();
     errors.sort_by(f32::total_cmp);
-    let rank = (errors.len() as f64 * 0.999).ceil() as usize;
+    let rank = (errors.len() as f64 * pixels).ceil() as usize;
     errors.get(rank.saturating_sub(1)).map_or(0.0, |error| f64::from(*error))
 }
