@@ -288,7 +288,7 @@ impl LayerBuilder<'_> {
             evaluated += apart(
                 simd,
                 #[inline(always)]
-                || self.sum_up(simd, (batches, here), (listed, &peel), &mut sums),
+                || self.sum_up(simd, (batches, here), (rest, listed), (&peel, &mut sums)),
             );
             let cut = cuts.next();
             let [found, goes_on] = apart(
@@ -359,36 +359,23 @@ impl LayerBuilder<'_> {
         if set == 0 {
             return 0;
         }
-        let (mut nearest, mut farthest) = ([0.0; BATCH], [0.0; BATCH]);
-        let bounds = [&mut nearest, &mut farthest];
-        surfels.bounds(
-            simd,
-            (
-                here.corner.each(
-                    #[inline(always)]
-                    |x| x + HALF_BLOCK,
-                ),
-                HALF_BLOCK,
-            ),
-            set,
-            (&self.lens, bounds),
+        let middle = here.corner.each(
+            #[inline(always)]
+            |x| x + HALF_BLOCK,
         );
+        let mut nearest = [0.0; BATCH];
+        let depths = (&self.lens, [search.done, search.farthest]);
+        let between = surfels.between(simd, ((middle, HALF_BLOCK), set), depths, &mut nearest);
+        rest[batch] &= !between.ahead;
+        search.skipped = search.skipped.min(between.next);
         let mut evaluated = 0;
         let zero = W::simd_from(simd, 0.0);
         search.firsts = u32x16::simd_from(simd, u32::MAX);
         // Those of one form together: no processor foresees which form comes next.
-        for mut set in surfels.by_form(set) {
+        for mut set in surfels.by_form(between.within) {
             while set != 0 {
                 let number = set.trailing_zeros() as usize % BATCH;
                 set &= set - 1;
-                if farthest[number] <= search.done {
-                    rest[batch] &= !(1 << number);
-                    continue;
-                }
-                if nearest[number] > search.farthest {
-                    search.skipped = search.skipped.min(nearest[number]);
-                    continue;
-                }
                 evaluated += 1;
                 let surfel = surfels.get(number);
                 let sample = surfel.sample(simd, here.pixels, &self.lens);
@@ -451,14 +438,14 @@ impl LayerBuilder<'_> {
         }
     }
 
-    /// Sums up the samples that belong to the layer.
+    /// Sums up the samples that belong to the layer. Leaves those records in the rest that have others.
     #[inline(always)]
     fn sum_up<S: Simd>(
         &self,
         simd: S,
         (batches, here): (&[Surfels], Here<S>),
-        (listed, peel): (&[Listed], &Peel<S>),
-        sums: &mut Sums<S>,
+        (rest, listed): (&mut [u64], &[Listed]),
+        (peel, sums): (&Peel<S>, &mut Sums<S>),
     ) -> u64 {
         let (zero, infinity) = (W::simd_from(simd, 0.0), W::simd_from(simd, f32::INFINITY));
         let is_open = peel.record.simd_ne(u32x16::simd_from(simd, Cut::NO_RECORD));
@@ -469,11 +456,18 @@ impl LayerBuilder<'_> {
             let depth = candidate.depth.load(simd);
             let mut weight = candidate.weight.load(simd);
             // Only where what is seen lies behind the limit it matters where the plane is: spans begin before.
-            if (weight.simd_gt(zero) & depth.simd_gt(peel.limit)).any_true() {
+            let is_seen = weight.simd_gt(zero);
+            let mut has_others = false;
+            if (is_seen & depth.simd_gt(peel.limit)).any_true() {
                 evaluated += 1;
                 let sample = surfel.sample(simd, here.pixels, &self.lens);
                 let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
-                weight = spans.nearest.simd_le(peel.limit).select(weight, zero);
+                let own = spans.nearest.simd_le(peel.limit);
+                has_others = (is_seen & !own).any_true();
+                weight = own.select(weight, zero);
+            }
+            if !has_others {
+                rest[candidate.batch as usize] &= !(1 << candidate.number);
             }
             // Where no sample was found the difference is infinite.
             let behind = weight.simd_gt(zero).select(depth - peel.depth, zero);

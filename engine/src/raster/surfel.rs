@@ -112,6 +112,16 @@ pub(crate) struct Spans<S: Simd> {
     pub(crate) farthest: W<S>,
 }
 
+/// Records of a set by where their samples may be.
+pub(crate) struct Between {
+    /// Not behind the nearer depth.
+    pub(crate) ahead: u64,
+    /// Between the depths.
+    pub(crate) within: u64,
+    /// What begins behind the farther depth begins no nearer than here.
+    pub(crate) next: f32,
+}
+
 impl Surfel {
     const NONE: Self = Self {
         mean: [0.0; 2],
@@ -311,11 +321,12 @@ impl Surfels {
         let rect = |number: usize| &surfaces.rects[self.each[number].index as usize];
         self.masks = self.outlines.blocks(simd, tile, u64::MAX, rect);
         let half = (tile.side - 1) as f32 / 2.0;
-        let (mut nearest, mut farthest) = ([0.0; BATCH], [0.0; BATCH]);
-        let count = self.outlines.count();
-        self.bounds(simd, ([half; 2], half), u64::MAX, (lens, [&mut nearest, &mut farthest]));
-        for (least, nearest) in self.nearest.iter_mut().zip(nearest[..count].chunks(16)) {
-            *least = nearest.iter().fold(f32::INFINITY, |least, nearest| least.min(*nearest));
+        let used = u64::MAX.checked_shr((BATCH - self.outlines.count()) as u32).unwrap_or(0);
+        for first in self.outlines.sixteens() {
+            let [begin, _] = self.bounds(simd, first, ([half; 2], half), lens);
+            let used = mask32x16::from_bitmask(simd, used >> first);
+            let begin = used.select(begin, W::simd_from(simd, f32::INFINITY));
+            self.nearest[first / 16] = begin.reduce_min();
         }
     }
 
@@ -343,50 +354,77 @@ impl Surfels {
         set
     }
 
-    /// For each record of a set, in the square of pixels around a middle: before what depth no span of a sample begins,
-    /// and behind what depth none does.
+    /// Which of a set may have samples between two depths in the square of pixels around a middle. Puts down before what
+    /// depth no span of theirs begins.
     #[inline(always)]
-    pub(crate) fn bounds<S: Simd>(
+    pub(crate) fn between<S: Simd>(
         &self,
         simd: S,
+        (square, set): (([f32; 2], f32), u64),
+        (lens, [done, farthest]): (&SurfelLens, [f32; 2]),
+        nearest: &mut Column,
+    ) -> Between {
+        let mut between = Between { ahead: 0, within: 0, next: f32::INFINITY };
+        for first in (0..BATCH).step_by(16).filter(|first| set >> first & 0xffff != 0) {
+            let [begin, end] = self.bounds(simd, first, square, lens);
+            begin.store_slice(&mut nearest[first..first + 16]);
+            let own = mask32x16::from_bitmask(simd, set >> first);
+            let ahead = own & end.simd_le(W::simd_from(simd, done));
+            let behind = own & !ahead & begin.simd_gt(W::simd_from(simd, farthest));
+            between.ahead |= ahead.to_bitmask() << first;
+            between.within |= (own & !ahead & !behind).to_bitmask() << first;
+            if behind.any_true() {
+                let begin = behind.select(begin, W::simd_from(simd, f32::INFINITY));
+                between.next = between.next.min(begin.reduce_min());
+            }
+        }
+        between
+    }
+
+    /// For sixteen records, in the square of pixels around a middle: before what depth no span of a sample begins, and behind
+    /// what depth none does.
+    #[inline(always)]
+    fn bounds<S: Simd>(
+        &self,
+        simd: S,
+        first: usize,
         (middle, half): ([f32; 2], f32),
-        set: u64,
-        (lens, [nearest, farthest]): (&SurfelLens, [&mut Column; 2]),
-    ) {
+        lens: &SurfelLens,
+    ) -> [W<S>; 2] {
         let infinity = W::simd_from(simd, f32::INFINITY);
         let one = W::simd_from(simd, 1.0);
-        for first in (0..BATCH).step_by(16).filter(|first| set >> first & 0xffff != 0) {
-            let [x, y] = sixteen_of(simd, &self.outlines.mean, first);
-            let middle = [W::simd_from(simd, middle[0]) - x, W::simd_from(simd, middle[1]) - y];
-            let (depth, sigma_z) =
-                (sixteen(simd, &self.outlines.depth, first), sixteen(simd, &self.outlines.sigma_z, first));
-            let rise = range(sixteen_of(simd, &self.outlines.depth_slope, first), middle, half);
-            let mut seen = [depth + rise[0], depth + rise[1]];
-            let mut reach = sigma_z * 3.0;
-            let exact = mask32x16::from_bitmask(simd, self.outlines.exact >> first);
-            if exact.any_true() {
-                let per_depth = sixteen(simd, &self.per_depth, first);
-                let least_depth = sixteen(simd, &self.least_depth, first);
-                let inverse_t = inverse(simd, [one - rise[1] * per_depth, one - rise[0] * per_depth]);
-                let is_ahead = depth.simd_gt(W::simd_from(simd, 0.0)) & inverse_t[0].simd_gt(-infinity);
-                let low = is_ahead.select(least_depth * inverse_t[0], -infinity);
-                let high = is_ahead.select(depth * inverse_t[1], infinity);
-                seen = [exact.select(low, seen[0]), exact.select(high, seen[1])];
-                reach = exact.select(reach * inverse_t[1], reach);
-            }
-            // Where the plane is.
-            let tilt = range(sixteen_of(simd, &self.tilt, first), middle, half);
-            let plane = if lens.is_perspective {
-                depth * inverse(simd, [one + tilt[0], one + tilt[1]])[0]
-            } else {
-                depth - tilt[1]
-            };
-            let limit = lens.zeta(simd, depth).abs() * lens.farthest_offset;
-            let begin = seen[0].min(plane).max(seen[0] - limit) - reach;
-            // What f32 can't say, NaN among it, is no bound.
-            begin.simd_gt(-infinity).select(begin, -infinity).store_slice(&mut nearest[first..first + 16]);
-            seen[1].simd_lt(infinity).select(seen[1], infinity).store_slice(&mut farthest[first..first + 16]);
+        let [x, y] = sixteen_of(simd, &self.outlines.mean, first);
+        let middle = [W::simd_from(simd, middle[0]) - x, W::simd_from(simd, middle[1]) - y];
+        let (depth, sigma_z) =
+            (sixteen(simd, &self.outlines.depth, first), sixteen(simd, &self.outlines.sigma_z, first));
+        let rise = range(sixteen_of(simd, &self.outlines.depth_slope, first), middle, half);
+        let mut seen = [depth + rise[0], depth + rise[1]];
+        let mut reach = sigma_z * 3.0;
+        let exact = mask32x16::from_bitmask(simd, self.outlines.exact >> first);
+        if exact.any_true() {
+            let per_depth = sixteen(simd, &self.per_depth, first);
+            let least_depth = sixteen(simd, &self.least_depth, first);
+            let inverse_t = inverse(simd, [one - rise[1] * per_depth, one - rise[0] * per_depth]);
+            let is_ahead = depth.simd_gt(W::simd_from(simd, 0.0)) & inverse_t[0].simd_gt(-infinity);
+            let low = is_ahead.select(least_depth * inverse_t[0], -infinity);
+            let high = is_ahead.select(depth * inverse_t[1], infinity);
+            seen = [exact.select(low, seen[0]), exact.select(high, seen[1])];
+            reach = exact.select(reach * inverse_t[1], reach);
         }
+        // Where the plane is.
+        let tilt = range(sixteen_of(simd, &self.tilt, first), middle, half);
+        let plane = if lens.is_perspective {
+            depth * inverse(simd, [one + tilt[0], one + tilt[1]])[0]
+        } else {
+            depth - tilt[1]
+        };
+        let limit = lens.zeta(simd, depth).abs() * lens.farthest_offset;
+        let begin = seen[0].min(plane).max(seen[0] - limit) - reach;
+        // What f32 can't say, NaN among it, is no bound.
+        [
+            begin.simd_gt(-infinity).select(begin, -infinity),
+            seen[1].simd_lt(infinity).select(seen[1], infinity),
+        ]
     }
 }
 
