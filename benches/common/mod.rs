@@ -7,7 +7,7 @@ pub(crate) mod volumes;
 use glam::DVec3;
 use oblate::chart::scenes::gaussians;
 use oblate::engine::{
-    Blend, Camera, Channels, Cloud, FootprintForm, Light, Order, Pose, RenderSettings, Scene,
+    Blend, Camera, Channels, Cloud, FootprintForm, Light, Order, Pose, RenderSettings, Scene, Splats,
 };
 use volumes::{
     ANEURISM, ANEURISM_FROM_25, CHECKERS, ENGINE, ENGINE_FROM_71, GLASS, checker_box, engine_surface,
@@ -50,7 +50,7 @@ impl Work {
     }
 }
 
-/// All of them. T1 is a volume, T2 an iso-surface, T3 trained splats, T4 opaque surfels, hidden what lies mostly behind other
+/// All of them. T1 is a volume, T2 an iso-surface, T3 trained splats, T4 opaque surfels, in the order that importers give them and in none, hidden what lies mostly behind other
 /// surfels, with and without occlusion; Y03 are the frames of Yuan, Chen et al., *Hybrid Forward Resampling and Volume
 /// Rendering*, 2003, figure 9, at 400²: their voxels, in looks of ours, as splats, as each form that serves, and as points.
 pub(crate) fn works() -> Vec<Work> {
@@ -108,10 +108,12 @@ pub(crate) fn works() -> Vec<Work> {
         .of(ENGINE),
         Work::new("T1 with T2 inside", engine_with_surface, both()).of(ENGINE),
         Work::new("T2", || unlit(engine_surface(&volume(ENGINE))), both()).of(ENGINE),
-        Work::new("T3 opacity", || unlit(gaussians::cloud(gaussians::trained(TRAINED))), forms()),
+        Work::new("T3 opacity", || unlit(gaussians::cloud(trained())), forms()),
         Work::new("T3 extinction", trained_extinction, forms()),
-        Work::new("T4 1 M", || unlit(surfels::torus_and_sphere(1_000_000)), surfels()),
-        Work::new("T4 5 M", || unlit(surfels::torus_and_sphere(5_000_000)), surfels()),
+        Work::new("T4 1 M", || scattered(surfels::torus_and_sphere(1_000_000).in_morton_order()), surfels()),
+        Work::new("T4 5 M", || scattered(surfels::torus_and_sphere(5_000_000).in_morton_order()), surfels()),
+        Work::new("T4 1 M in any order", || scattered(surfels::torus_and_sphere(1_000_000)), surfels()),
+        Work::new("T4 5 M in any order", || scattered(surfels::torus_and_sphere(5_000_000)), surfels()),
         Work::new("hidden spheres", || clouds(hidden::nested_spheres()), hides(spheres_camera())),
         Work::new("hidden room", || clouds(hidden::room_of_armadillos()), hides(room_camera()))
             .of(hidden::ARMADILLO),
@@ -177,6 +179,10 @@ fn unlit(cloud: Cloud) -> Scene {
     Scene { clouds: vec![cloud], lights: Vec::new() }
 }
 
+fn scattered(splats: Splats) -> Scene {
+    unlit(Cloud::new(splats).expect("the numbers are finite"))
+}
+
 fn clouds(clouds: Vec<Cloud>) -> Scene {
     Scene { clouds, lights: Vec::new() }
 }
@@ -186,7 +192,12 @@ fn engine_with_surface() -> Scene {
     lit(vec![kernels(&volume, GLASS), engine_surface(&volume)])
 }
 
+/// In the order that importers give splats.
+fn trained() -> Splats {
+    gaussians::trained(TRAINED).in_morton_order()
+}
+
 fn trained_extinction() -> Scene {
-    let splats = gaussians::trained(TRAINED);
+    let splats = trained();
     unlit(gaussians::cloud(gaussians::as_extinction(splats, &trained_camera(), &RenderSettings::default())))
 }

@@ -1,12 +1,12 @@
-//! Opaque surfels: half of them on a torus, half on a sphere that it surrounds, in random places.
+//! Opaque surfels: half of them on a torus, half on a sphere that it surrounds, in random places and any order.
 
 use glam::Vec3;
 use oblate::chart::scenes::random::Random;
 use oblate::engine::cloud::oblate_factor;
-use oblate::engine::{Cloud, Material, Shapes, Splats, Strength, Surface};
+use oblate::engine::{Material, Shapes, Splats, Strength, Surface};
 use std::f32::consts::{PI, TAU};
 
-pub(crate) fn torus_and_sphere(count: usize) -> Cloud {
+pub(crate) fn torus_and_sphere(count: usize) -> Splats {
     let mut random = Random(3);
     let radius = 0.006 * (1e6 / count as f32).sqrt();
     let (mut centers, mut normals, mut colors) = (Vec::new(), Vec::new(), Vec::new());
@@ -28,7 +28,7 @@ pub(crate) fn torus_and_sphere(count: usize) -> Cloud {
             colors.push((0.5 + 0.4 * (normal * 9.0).map(f32::sin)).to_array());
         }
     }
-    Cloud::new(Splats {
+    Splats {
         shapes: Shapes::Each(
             normals.iter().map(|n| oblate_factor(*n, radius / 2.0, f32::INFINITY)).collect(),
         ),
@@ -45,6 +45,5 @@ pub(crate) fn torus_and_sphere(count: usize) -> Cloud {
         harmonics: None,
         normals: Some(normals),
         material: Material::default(),
-    })
-    .expect("the numbers are finite")
+    }
 }
