@@ -36,8 +36,8 @@ fn camera(eye: DVec3, target: DVec3) -> Camera {
     Camera::perspective(pose, 30f64.to_radians(), [1024; 2]).expect("the size is in range")
 }
 
-fn morton(cloud: &Cloud) -> Cloud {
-    Cloud::new(cloud.splats().in_morton_order()).expect("they made a cloud before")
+fn surfels() -> Cloud {
+    Cloud::new(torus_and_sphere(1_000_000).in_morton_order()).expect("the numbers are finite")
 }
 
 fn draw(criterion: &mut Criterion, [group, name]: [&str; 2], scene: &Scene, view: (&Camera, RenderSettings)) {
@@ -76,7 +76,7 @@ fn building(criterion: &mut Criterion) {
     };
     let mut group = criterion.benchmark_group("building");
     group.sample_size(10);
-    let cloud = LazyCell::new(|| morton(&torus_and_sphere(1_000_000)));
+    let cloud = LazyCell::new(surfels);
     group.bench_function("1 M surfels", |bencher| {
         bencher.iter_batched(|| cloud.clone(), Cloud::with_levels, BatchSize::PerIteration);
     });
@@ -104,10 +104,10 @@ fn crowd(cloud: &Cloud, side: u32) -> Scene {
 /// 1, 8 and 64 million splats in one view, at twice the usual tolerance.
 fn growth(criterion: &mut Criterion) {
     type Make = fn() -> Cloud;
-    let surfels: Make = || morton(&torus_and_sphere(1_000_000)).with_levels();
+    let with_levels: Make = || surfels().with_levels();
     let volume: Make = || kernels(&volume(ENGINE), GLASS).with_levels();
     for (group, make, is_there) in
-        [("crowd of surfels", surfels, true), ("crowd of volumes", volume, data(ENGINE).is_file())]
+        [("crowd of surfels", with_levels, true), ("crowd of volumes", volume, data(ENGINE).is_file())]
     {
         if !is_there {
             continue;

@@ -50,9 +50,10 @@ impl Work {
     }
 }
 
-/// All of them. T1 is a volume, T2 an iso-surface, T3 trained splats, T4 opaque surfels, in the order that importers give them and in none, hidden what lies mostly behind other
-/// surfels, with and without occlusion; Y03 are the frames of Yuan, Chen et al., *Hybrid Forward Resampling and Volume
-/// Rendering*, 2003, figure 9, at 400²: their voxels, in looks of ours, as splats, as each form that serves, and as points.
+/// All of them. T1 is a volume, T2 an iso-surface, T3 trained splats and T4 opaque surfels, both in Morton order, T4 in random
+/// order, too, hidden what lies mostly behind other surfels, with and without occlusion; Y03 are the frames of Yuan, Chen et al.,
+/// *Hybrid Forward Resampling and Volume Rendering*, 2003, figure 9, at 400²: their voxels, in looks of ours, as splats, as
+/// each form that serves, and as points.
 pub(crate) fn works() -> Vec<Work> {
     let shaded = RenderSettings {
         blend: Blend::Display,
@@ -110,10 +111,18 @@ pub(crate) fn works() -> Vec<Work> {
         Work::new("T2", || unlit(engine_surface(&volume(ENGINE))), both()).of(ENGINE),
         Work::new("T3 opacity", || unlit(gaussians::cloud(trained())), forms()),
         Work::new("T3 extinction", trained_extinction, forms()),
-        Work::new("T4 1 M", || scattered(surfels::torus_and_sphere(1_000_000).in_morton_order()), surfels()),
-        Work::new("T4 5 M", || scattered(surfels::torus_and_sphere(5_000_000).in_morton_order()), surfels()),
-        Work::new("T4 1 M in any order", || scattered(surfels::torus_and_sphere(1_000_000)), surfels()),
-        Work::new("T4 5 M in any order", || scattered(surfels::torus_and_sphere(5_000_000)), surfels()),
+        Work::new(
+            "T4 1 M",
+            || surfel_scene(surfels::torus_and_sphere(1_000_000).in_morton_order()),
+            surfels(),
+        ),
+        Work::new(
+            "T4 5 M",
+            || surfel_scene(surfels::torus_and_sphere(5_000_000).in_morton_order()),
+            surfels(),
+        ),
+        Work::new("T4 1 M random order", || surfel_scene(surfels::torus_and_sphere(1_000_000)), surfels()),
+        Work::new("T4 5 M random order", || surfel_scene(surfels::torus_and_sphere(5_000_000)), surfels()),
         Work::new("hidden spheres", || clouds(hidden::nested_spheres()), hides(spheres_camera())),
         Work::new("hidden room", || clouds(hidden::room_of_armadillos()), hides(room_camera()))
             .of(hidden::ARMADILLO),
@@ -179,7 +188,7 @@ fn unlit(cloud: Cloud) -> Scene {
     Scene { clouds: vec![cloud], lights: Vec::new() }
 }
 
-fn scattered(splats: Splats) -> Scene {
+fn surfel_scene(splats: Splats) -> Scene {
     unlit(Cloud::new(splats).expect("the numbers are finite"))
 }
 
@@ -192,7 +201,6 @@ fn engine_with_surface() -> Scene {
     lit(vec![kernels(&volume, GLASS), engine_surface(&volume)])
 }
 
-/// In the order that importers give splats.
 fn trained() -> Splats {
     gaussians::trained(TRAINED).in_morton_order()
 }

@@ -1,4 +1,4 @@
-//! Opaque surfels: half of them on a torus, half on a sphere that it surrounds, in random places and any order.
+//! Opaque surfels: half of them on a torus, half on a sphere that it surrounds, in random places and random order.
 
 use glam::Vec3;
 use oblate::chart::scenes::random::Random;

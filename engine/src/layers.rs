@@ -438,7 +438,7 @@ impl LayerBuilder<'_> {
         }
     }
 
-    /// Sums up the samples that belong to the layer. Leaves those records in the rest that have others.
+    /// Sums up the samples that belong to the layer. Takes records out of the rest that have none behind it.
     #[inline(always)]
     fn sum_up<S: Simd>(
         &self,

@@ -19,7 +19,8 @@ const SHARE_OF_WAYS: f64 = 0.6;
 /// borders: of whole pictures what 99.9 % are off by was 1.2 to 1.8 times what 99 % are.
 const SHARE_OF_ENDS: f64 = 0.5;
 
-/// The tolerance of what they are compared with, as a share of theirs: where its opacities end it is off, too.
+/// The tolerance of the picture that these are compared with, as a share of the one that is asked for: it is off, too, where its
+/// opacities end.
 const TRUTH_OF_ENDS: f64 = 0.125;
 
 /// Where they may end, nearer than usual. Windows may miss most of the few pixels that still nearer ends change.
@@ -60,9 +61,9 @@ const FINER: [(Order, FootprintForm); 2] =
 /// 64 windows of 6×6 pixels, spread over the picture, are drawn in one way after another, from the quickest on, and the first
 /// is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Kernels are drawn
 /// to where opacities end; then the way that is taken is drawn with nearer ends: with [`RenderSettings::cutoff`], which is kept
-/// if 99 % of the pixels are within half of the tolerance of the finest way at an eighth of the tolerance, and then, where that is what it
-/// is by default, with 9. The picture is then drawn with what this gives, as often as is wanted: nothing
-/// changes from frame to frame.
+/// if 99 % of the pixels that show anything differ by at most half of the tolerance from the finest way drawn at an eighth of it
+/// (way, levels and ends are judged together), and then, where that is what it is by default, with 9. The picture is then drawn
+/// with what this gives, as often as is wanted: nothing changes from frame to frame.
 ///
 /// An order or a form that is not left to the engine stays as it is; with both, all does. Kernels with opacities alone keep the
 /// order that defines them and the forms that their bounds ask for; there is nothing to try, but they are cut off by their opacity
@@ -78,7 +79,7 @@ pub fn settle(
     settings.validate()?;
     scene.validate()?;
     if scene.is_sorted_by_definition() && settings.order == Order::Auto {
-        return Ok(RenderSettings { order: Order::Centers, ..farther(settings) });
+        return Ok(RenderSettings { order: Order::Centers, ..with_far_ends(settings) });
     }
     let ways = ways(scene, settings);
     let [others @ .., last] = &ways[..] else { return Ok(*settings) };
@@ -90,27 +91,27 @@ pub fn settle(
     let empty = drawn(&nothing, &windows[..1], settings, *last)?[0];
     let usual = *settings;
     let has_kernels = !scene.clouds.iter().all(|cloud| cloud.is_surface());
-    let own = if has_kernels { farther(settings) } else { usual };
-    let truth = drawn(scene, &windows, &own, *last)?;
+    let far = if has_kernels { with_far_ends(settings) } else { usual };
+    let truth = drawn(scene, &windows, &far, *last)?;
     let mut taken = *last;
     for way in others {
-        let found = drawn(scene, &windows, &own, *way)?;
-        if error(&truth, &found, (empty, 0.999)) <= SHARE_OF_WAYS * usual.tolerance {
+        let found = drawn(scene, &windows, &far, *way)?;
+        if error([&truth, &found], empty, 0.999) <= SHARE_OF_WAYS * usual.tolerance {
             taken = *way;
             break;
         }
     }
-    let mut cutoff = own.cutoff;
+    let mut cutoff = far.cutoff;
     let shown = truth.iter().filter(|pixel| **pixel != empty).count();
     let is_left_open = usual.cutoff == RenderSettings::default().cutoff && shown >= LEAST_SHOWN;
     let nearer = [Some(usual.cutoff), is_left_open.then_some(NEARER)].into_iter().flatten();
     let nearer: Vec<f64> = nearer.filter(|nearer| has_kernels && *nearer < cutoff).collect();
     if !nearer.is_empty() {
         let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * usual.tolerance, ..usual };
-        let truth = drawn(scene, &windows, &farther(&strict), *last)?;
+        let stricter = drawn(scene, &windows, &with_far_ends(&strict), *last)?;
         for nearer in nearer {
             let found = drawn(scene, &windows, &RenderSettings { cutoff: nearer, ..usual }, taken)?;
-            if error(&truth, &found, (empty, 0.99)) > SHARE_OF_ENDS * usual.tolerance {
+            if error([&stricter, &found], empty, 0.99) > SHARE_OF_ENDS * usual.tolerance {
                 break;
             }
             cutoff = nearer;
@@ -120,7 +121,7 @@ pub fn settle(
 }
 
 /// Settings that draw kernels to where opacities end.
-fn farther(settings: &RenderSettings) -> RenderSettings {
+fn with_far_ends(settings: &RenderSettings) -> RenderSettings {
     RenderSettings { cutoff: opacities_end(settings), ..*settings }
 }
 
@@ -196,11 +197,11 @@ fn drawn(
 }
 
 /// The error that a share of the pixels keep to, of those that show anything.
-fn error(truth: &[[f32; 4]], found: &[[f32; 4]], (empty, pixels): ([f32; 4], f64)) -> f64 {
+fn error([truth, found]: [&[[f32; 4]]; 2], empty: [f32; 4], share: f64) -> f64 {
     let shown = truth.iter().zip(found).filter(|(a, b)| **a != empty || **b != empty);
     let largest = |(a, b): (&[f32; 4], &[f32; 4])| (0..4).map(|i| (a[i] - b[i]).abs()).fold(0.0, f32::max);
     let mut errors: Vec<f32> = shown.map(largest).collect();
     errors.sort_by(f32::total_cmp);
-    let rank = (errors.len() as f64 * pixels).ceil() as usize;
+    let rank = (errors.len() as f64 * share).ceil() as usize;
     errors.get(rank.saturating_sub(1)).map_or(0.0, |error| f64::from(*error))
 }
