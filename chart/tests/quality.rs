@@ -112,10 +112,20 @@ fn pictures_keep_to_their_tolerance() {
 #[test]
 fn whole_pictures_keep_to_their_tolerance() {
     // 11 of the 10,558 pixels that show anything, on the silhouette of a mesh: 1.007.
-    let exceptions = [("mixed", 8.0, 1.01)];
+    keep_to_their_tolerance(Scale::Quick, &[("mixed", 8.0, 1.01)]);
+}
+
+#[test]
+#[ignore = "takes several minutes"]
+fn whole_pictures_of_full_size_keep_to_their_tolerance() {
+    keep_to_their_tolerance(Scale::Full, &[]);
+}
+
+/// All built-in scenes at all tolerances, but for exceptions: a scene, a tolerance in levels, and what share of it is reached.
+fn keep_to_their_tolerance(scale: Scale, exceptions: &[(&str, f64, f64)]) {
     for built_in in &BUILT_IN {
         let Subject { scene, camera, settings, .. } =
-            (built_in.make)(Scale::Quick).expect("the program's own scenes can be made");
+            (built_in.make)(scale).expect("the program's own scenes can be made");
         let draw = |scene: &Scene, settings: &RenderSettings| {
             let frame = render(scene, &camera, settings, &()).expect("the program's own scenes can be drawn");
             // In the space in which the scene is blended.
