@@ -64,7 +64,7 @@ impl VisibleRange {
             center,
             center_in_camera: DVec3::ZERO,
             reach: f64::INFINITY,
-            radius: f64::INFINITY,
+            radius: f64::MAX,
             sigma: f64::INFINITY,
             distances: [0.0, f32::INFINITY],
             is_surface,
@@ -114,7 +114,7 @@ impl Choice {
 /// The planes of a view; a camera-space point p is inside where xyz·p + w ≥ 0.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frustum {
-    sides: [DVec4; 4],
+    pub(crate) sides: [DVec4; 4],
     near: f64,
 }
 
@@ -143,6 +143,11 @@ impl Frustum {
     fn touches_sphere(&self, center: DVec3, radius: f64) -> bool {
         center.z + radius > self.near
             && self.sides.iter().all(|plane| plane.dot(center.extend(1.0)) + radius >= 0.0)
+    }
+
+    /// Whether a sphere lies between all sides.
+    pub(crate) fn contains_sphere(&self, center: DVec3, radius: f64) -> bool {
+        self.sides.iter().all(|plane| plane.dot(center.extend(1.0)) >= radius)
     }
 
     /// Whether the ellipsoid r ≤ `cutoff` of a filtered splat reaches into all half-spaces.

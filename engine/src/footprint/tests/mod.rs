@@ -7,6 +7,7 @@ use super::*;
 use crate::camera::Projection;
 use crate::cloud::{Material, OpacityFilter};
 use crate::columns::LANES;
+use crate::cull::find_affordable;
 use compare::compare;
 use glam::Vec3;
 use proptest::prelude::*;
@@ -15,8 +16,8 @@ use setups::{Seen, Setup, camera, cloud, seen, setup};
 /// Splats of a test, and as many more.
 const PLACES: usize = 64;
 
-/// The splats that the wide projection shows, each at its number.
-fn wide(level: Level, projector: &Projector, middle: Vec3, is_surface: bool) -> Vec<Option<Projected>> {
+/// The splats of a range that the wide projection shows, each at its number.
+fn wide(level: Level, projector: &Projector, range: &VisibleRange) -> Vec<Option<Projected>> {
     let wide = WideProjector::new(projector);
     let mut before = 0;
     (1..=projector.columns.len)
@@ -35,7 +36,8 @@ fn wide(level: Level, projector: &Projector, middle: Vec3, is_surface: bool) -> 
                 run: &mut run,
                 forms: &mut forms,
             };
-            let range = VisibleRange::whole(0..count, middle, is_surface);
+            let mut range = range.clone();
+            range.splats = 0..count;
             wide.project(level, &range, &mut places);
             let is_new = run.len > std::mem::replace(&mut before, run.len);
             is_new.then(|| {
@@ -63,11 +65,16 @@ fn check(setup: &Setup, splats: &[Seen]) -> Result<(), TestCaseError> {
     let projector = view.projector(&VisibleRange::whole(0..0, Vec3::ZERO, false));
     let cloud = projector.columns;
     let middle = (0..cloud.len).map(|i| cloud.center(i)).sum::<Vec3>() / cloud.len as f32;
-    let is_surface = setup.kind >= 2;
+    // As it is culled; what is culled whole shows nothing.
+    let mut visible = Vec::new();
+    find_affordable(&scene, &camera, &setup.settings, &mut visible);
+    visible.iter_mut().for_each(|range| range.center = middle);
     let scale =
         projector.cloud_to_camera.matrix3.to_cols_array().iter().fold(0.0, |m: f64, x| m.max(x.abs()));
     for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
-        for (index, found) in wide(level, &projector, middle, is_surface).iter().enumerate() {
+        let nothing = || (0..cloud.len).map(|_| None).collect();
+        let shown = visible.first().map_or_else(nothing, |range| wide(level, &projector, range));
+        for (index, found) in shown.iter().enumerate() {
             let splat = CameraSplat {
                 center: projector.cloud_to_camera.transform_point3(cloud.center(index).as_dvec3()),
                 factor: projector.cloud_to_camera.matrix3 * cloud.factor(index).as_dmat3(),
@@ -122,7 +129,8 @@ fn what_is_fainter_than_the_tolerance_is_not_drawn() {
     };
     let projector = view.projector(&VisibleRange::whole(0..0, Vec3::ZERO, false));
     let middle = projector.columns.center(0);
-    assert!(wide(Level::Baseline, &projector, middle, false)[0].is_none(), "the wide projection shows it");
+    let range = VisibleRange::whole(0..1, middle, false);
+    assert!(wide(Level::Baseline, &projector, &range)[0].is_none(), "the wide projection shows it");
     if let Some(shown) = projector.project_splat(0, 0) {
         panic!("the scalar projection shows it in {:?}", shown.rect);
     }

@@ -13,6 +13,7 @@ use crate::camera::Projection;
 use crate::columns::{self, Factors, LANES, Lanes};
 use crate::cull::VisibleRange;
 use crate::simd::*;
+use geometry::Placed;
 use glam::DMat3;
 
 /// What the splats of a cloud share, in f32.
@@ -37,6 +38,8 @@ pub(super) struct WideProjector<'a> {
     near: f32,
     tolerance: f32,
     least_opacity: f32,
+    /// Of the picture's sides: a point of camera space is inside where xyz·p + w ≥ 0.
+    sides: [[f32; 4]; 4],
 }
 
 /// The rows of a matrix, each number for every lane: instructions read eight numbers, or one for each of eight lanes
@@ -87,6 +90,7 @@ impl<'a> WideProjector<'a> {
             near: scalar.view.camera.near() as f32,
             tolerance: settings.tolerance as f32,
             least_opacity: settings.least_opacity().max(1e-30) as f32,
+            sides: scalar.view.frustum.sides.map(|side| side.as_vec4().to_array()),
         }
     }
 
@@ -113,6 +117,7 @@ impl<'a> WideProjector<'a> {
             #[inline(always)]
             |end| splat(simd, end),
         );
+        let is_inside = self.scalar.view.frustum.contains_sphere(range.center_in_camera, range.reach);
         for first in range.splats.clone().step_by(LANES) {
             let chosen = range.chosen(self.scalar.levels, first);
             if chosen == 0 {
@@ -129,6 +134,9 @@ impl<'a> WideProjector<'a> {
             );
             let block = first / LANES;
             let placed = self.place(simd, origin, from_middle);
+            if !is_inside && !self.touches_picture(simd, &placed, range) {
+                continue;
+            }
             let colors = self.colors(simd, block, &placed, towards);
             let mut footprints = self.footprints(simd, block, &placed);
             let forms = self.forms(simd, range.is_surface, &placed, &mut footprints);
@@ -137,6 +145,19 @@ impl<'a> WideProjector<'a> {
             self.push(simd, (range, first, chosen), seen, (out, &mut ends));
         }
         out.run.include([ends[0].reduce_min(), ends[1].reduce_max()]);
+    }
+
+    /// Whether any of a block's splats may reach into the picture, were all as large as the largest of their range.
+    #[inline(always)]
+    fn touches_picture<S: Simd>(&self, simd: S, placed: &Placed<S>, range: &VisibleRange) -> bool {
+        let [x, y, z] = placed.center;
+        // Rounding moves what is far more than what is near.
+        let reach = (range.reach - range.radius) as f32 + 1e-5 * range.distances[1].abs();
+        let inside = self.sides.each(
+            #[inline(always)]
+            |[a, b, c, d]| (x * a + y * b + z * c + d).simd_ge(splat(simd, -reach)),
+        );
+        (inside[0] & inside[1] & inside[2] & inside[3]).any_true()
     }
 
     fn push_scalar(&self, range: &VisibleRange, index: usize, out: &mut Places) {
