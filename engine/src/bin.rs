@@ -4,6 +4,7 @@
 //! those of the shares before. As in [`crate::order`], entries are stored each to a place of its own.
 
 use crate::footprint::Rect;
+use crate::grow::grow;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 
@@ -115,7 +116,7 @@ impl TileLists {
             }
         }
         self.starts.push(next);
-        self.entries.resize_with(self.entries.len().max(next as usize), AtomicU32::default);
+        grow(&mut self.entries, next as usize, AtomicU32::default);
         let entries = self.entries.as_slice();
         self.counts.par_chunks_mut(count).enumerate().for_each(move |(share, next)| {
             let (order, kept) = (&order[share_of(share)], &scratch[share_of(share)]);

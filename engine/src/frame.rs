@@ -1,5 +1,7 @@
 //! The finished picture and what was measured at its pixels.
 
+use crate::grow::grow;
+
 /// What a frame holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Channels {
@@ -46,14 +48,18 @@ impl Frame {
 
     /// Makes room for a picture; what pixels hold then is of no meaning where there were some before.
     pub(crate) fn resize(&mut self, [width, height]: [usize; 2], channels: Channels) {
+        fn fit<T: Copy + Send + Sync>(channel: &mut Vec<T>, len: usize, empty: T) {
+            channel.truncate(len);
+            grow(channel, len, || empty);
+        }
         (self.width, self.height) = (width, height);
-        self.color.resize(width * height, [0.0; 4]);
+        fit(&mut self.color, width * height, [0.0; 4]);
         let rest = if channels == Channels::All { width * height } else { 0 };
-        self.depth.resize(rest, f32::INFINITY);
-        self.expected_depth.resize(rest, f32::INFINITY);
-        self.median_depth.resize(rest, f32::INFINITY);
-        self.normal.resize(rest, [0.0; 3]);
-        self.id.resize(rest, Self::NO_ID);
+        fit(&mut self.depth, rest, f32::INFINITY);
+        fit(&mut self.expected_depth, rest, f32::INFINITY);
+        fit(&mut self.median_depth, rest, f32::INFINITY);
+        fit(&mut self.normal, rest, [0.0; 3]);
+        fit(&mut self.id, rest, Self::NO_ID);
     }
 
     /// The frame in bands of `height` rows, the last may be lower.

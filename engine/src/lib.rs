@@ -25,6 +25,7 @@ mod cull;
 mod cuts;
 pub mod footprint;
 pub mod frame;
+mod grow;
 mod harmonics;
 mod layers;
 mod levels;

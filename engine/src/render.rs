@@ -9,6 +9,7 @@ use crate::cull::{VisibleRange, find_affordable, touched_pixels};
 use crate::cuts::Cuts;
 use crate::footprint::{Lens, Records, SceneView};
 use crate::frame::{Channels, Frame, FrameRows};
+use crate::grow::grow;
 use crate::layers::{LayerBuffers, LayerBuilder, depth_tolerances};
 use crate::observer::{Counts, Observer, Stage};
 use crate::occlusion::{Looked, Occlusion, Visible};
@@ -328,7 +329,7 @@ impl Drawn {
         scratch: &mut Vec<AtomicU64>,
     ) {
         let Records { distances, runs, rects, .. } = &self.records;
-        scratch.resize_with(self.records.len().max(scratch.len()), AtomicU64::default);
+        grow(scratch, self.records.len(), AtomicU64::default);
         watched(observer, Stage::Bin, || self.lists.fill(size, gather(runs, distances), rects, scratch));
     }
 
@@ -340,11 +341,11 @@ impl Drawn {
         (sorter, scratch): (&mut Sorter, &mut Vec<AtomicU64>),
     ) {
         let Records { distances, runs, rects, .. } = &self.records;
-        scratch.resize_with(self.records.len().max(scratch.len()), AtomicU64::default);
+        grow(scratch, self.records.len(), AtomicU64::default);
         let distances = if is_last {
             distances
         } else {
-            self.order.resize_with(distances.len().max(self.order.len()), AtomicU32::default);
+            grow(&mut self.order, distances.len(), AtomicU32::default);
             for run in runs {
                 let places = run.start..run.start + run.len;
                 for (kept, distance) in self.order[places.clone()].iter().zip(&distances[places]) {

@@ -59,7 +59,7 @@ impl Resolver<'_> {
             }
             if rows.channels == Channels::All {
                 let cut = cuts.layers(block).next().unwrap_or(&Cut::NONE);
-                self.store_rest(seen, cut, (&places[..height], columns), rows);
+                self.store_rest(simd, (seen, cut), (&places[..height], columns), rows);
             }
         }
     }
@@ -175,12 +175,16 @@ impl Resolver<'_> {
     #[inline(always)]
     fn store_rest<S: Simd>(
         &self,
-        seen: Seeing<S>,
-        cut: &Cut,
+        simd: S,
+        (seen, cut): (Seeing<S>, &Cut),
         (places, columns): (&[usize], usize),
         rows: &mut FrameRows,
     ) {
         let [depth, opacity, median]: [[f32; PIXELS]; 3] = [seen.depth, seen.opacity, seen.median].each(
+            #[inline(always)]
+            |v| v.into(),
+        );
+        let normals: [[f32; PIXELS]; 3] = self.in_world(simd, cut).each(
             #[inline(always)]
             |v| v.into(),
         );
@@ -190,15 +194,35 @@ impl Resolver<'_> {
                     if opacity[pixel] > 0.0 { depth[pixel] / opacity[pixel] } else { f32::INFINITY };
                 rows.median_depth[place] = median[pixel];
                 rows.depth[place] = cut.depth.0[pixel];
-                let normal = glam::Vec3::from(cut.normal.map(|plane| plane.0[pixel]));
-                rows.normal[place] =
-                    (self.camera_to_world * normal.as_dvec3()).normalize_or_zero().as_vec3().to_array();
+                rows.normal[place] = normals.map(|normal| normal[pixel]);
                 rows.id[place] = match cut.record[pixel] {
                     Cut::NO_RECORD => Frame::NO_ID,
                     index => self.samples[index as usize].id,
                 };
             }
         }
+    }
+
+    /// Unit normals of a cut in the world; 0 where there are none.
+    #[inline(always)]
+    fn in_world<S: Simd>(&self, simd: S, cut: &Cut) -> [W<S>; 3] {
+        let [x, y, z] = cut.normal.each_ref().each(
+            #[inline(always)]
+            |plane| plane.load(simd),
+        );
+        let rows = [0, 1, 2].map(|axis| self.camera_to_world.row(axis).as_vec3().to_array());
+        let turned = rows.each(
+            #[inline(always)]
+            |[a, b, c]| x * a + y * b + z * c,
+        );
+        let [x, y, z] = turned;
+        let squared = x.mul_add(x, y.mul_add(y, z * z));
+        let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
+        let inverse = squared.simd_gt(W::simd_from(simd, 1e-30)).select(one / squared.sqrt(), zero);
+        turned.each(
+            #[inline(always)]
+            |v| v * inverse,
+        )
     }
 }
 

@@ -13,6 +13,7 @@ use crate::camera::Camera;
 use crate::closing::Closing;
 use crate::columns::LANES;
 use crate::cull::{Frustum, VisibleRange};
+use crate::grow::grow;
 use crate::order::Run;
 use crate::scene::{RenderSettings, Scene};
 use crate::shade::Shader;
@@ -165,10 +166,10 @@ impl Records {
         self.used += self.places.iter().sum::<usize>();
         // Volumes have no samples.
         let samples = if ranges.iter().any(|range| range.is_surface) { self.used } else { 0 };
-        self.records.resize(self.used.max(self.records.len()), Record::BLANK);
-        self.rects.resize(self.used.max(self.rects.len()), Rect::default());
-        self.distances.resize_with(self.used.max(self.distances.len()), AtomicU32::default);
-        self.samples.resize(samples.max(self.samples.len()), SurfaceSample::default());
+        grow(&mut self.records, self.used, || Record::BLANK);
+        grow(&mut self.rects, self.used, Rect::default);
+        grow(&mut self.distances, self.used, AtomicU32::default);
+        grow(&mut self.samples, samples, SurfaceSample::default);
         self.runs.resize(begin + chosen.len(), Run::new(0));
         self.forms.resize(begin + chosen.len(), [0; Form::ALL.len()]);
         let mut rest = Slots {
