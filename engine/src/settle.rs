@@ -7,6 +7,7 @@ use crate::render::Renderer;
 use crate::scene::{Blend, FootprintForm, Order, RenderSettings, Scene};
 use crate::validate::SceneError;
 use rayon::prelude::*;
+use std::sync::{Mutex, PoisonError};
 
 /// Windows along a side of the picture, and pixels along a side of a window.
 const WINDOWS: u32 = 8;
@@ -87,15 +88,15 @@ pub fn settle(
     if others.is_empty() || windows.is_empty() {
         return Ok(RenderSettings { order: last.0, footprint: last.1, ..*settings });
     }
-    let nothing = Scene::default();
-    let empty = drawn(&nothing, &windows[..1], settings, *last)?[0];
+    let empty = Trial::new(&Scene::default(), &windows[..1]).drawn(settings, *last)?[0];
+    let trial = Trial::new(scene, &windows);
     let usual = *settings;
     let has_kernels = !scene.clouds.iter().all(|cloud| cloud.is_surface());
     let far = if has_kernels { with_far_ends(settings) } else { usual };
-    let truth = drawn(scene, &windows, &far, *last)?;
+    let truth = trial.drawn(&far, *last)?;
     let mut taken = *last;
     for way in others {
-        let found = drawn(scene, &windows, &far, *way)?;
+        let found = trial.drawn(&far, *way)?;
         if error([&truth, &found], empty, 0.999) <= SHARE_OF_WAYS * usual.tolerance {
             taken = *way;
             break;
@@ -108,9 +109,9 @@ pub fn settle(
     let nearer: Vec<f64> = nearer.filter(|nearer| has_kernels && *nearer < cutoff).collect();
     if !nearer.is_empty() {
         let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * usual.tolerance, ..usual };
-        let stricter = drawn(scene, &windows, &with_far_ends(&strict), *last)?;
+        let stricter = trial.drawn(&with_far_ends(&strict), *last)?;
         for nearer in nearer {
-            let found = drawn(scene, &windows, &RenderSettings { cutoff: nearer, ..usual }, taken)?;
+            let found = trial.drawn(&RenderSettings { cutoff: nearer, ..usual }, taken)?;
             if error([&stricter, &found], empty, 0.99) > SHARE_OF_ENDS * usual.tolerance {
                 break;
             }
@@ -166,34 +167,52 @@ fn windows(camera: &Camera) -> Vec<Camera> {
     places.filter_map(window).collect()
 }
 
-/// The pixels of all windows in the space of blending.
-fn drawn(
-    scene: &Scene,
-    windows: &[Camera],
-    settings: &RenderSettings,
-    (order, footprint): (Order, FootprintForm),
-) -> Result<Vec<[f32; 4]>, SceneError> {
-    let settings = RenderSettings {
-        order,
-        footprint,
-        channels: Channels::Color,
-        // A share of the whole picture's would mean nothing here.
-        budget: None,
-        ..*settings
-    };
-    let window = |renderer: &mut Renderer, camera: &Camera| {
-        Ok(renderer.render(scene, camera, &settings, &())?.color.clone())
-    };
-    let frames: Vec<Vec<[f32; 4]>> =
-        windows.par_iter().map_init(Renderer::new, window).collect::<Result<_, SceneError>>()?;
-    let encode = |[r, g, b, a]: [f32; 4]| {
-        if settings.blend == Blend::Linear || a <= 0.0 {
-            return [r, g, b, a];
-        }
-        let [r, g, b] = [r, g, b].map(|c| a * linear_to_srgb(c / a));
-        [r, g, b, a]
-    };
-    Ok(frames.into_iter().flatten().map(encode).collect())
+/// Draws windows of a scene.
+struct Trial<'a> {
+    scene: &'a Scene,
+    windows: &'a [Camera],
+    /// Those that draw none at the moment.
+    renderers: Mutex<Vec<Renderer>>,
+}
+
+impl<'a> Trial<'a> {
+    fn new(scene: &'a Scene, windows: &'a [Camera]) -> Self {
+        Self { scene, windows, renderers: Mutex::default() }
+    }
+
+    /// The pixels of all windows in the space of blending.
+    fn drawn(
+        &self,
+        settings: &RenderSettings,
+        (order, footprint): (Order, FootprintForm),
+    ) -> Result<Vec<[f32; 4]>, SceneError> {
+        let settings = RenderSettings {
+            order,
+            footprint,
+            channels: Channels::Color,
+            // A share of the whole picture's would mean nothing here.
+            budget: None,
+            ..*settings
+        };
+        let idle = || self.renderers.lock().unwrap_or_else(PoisonError::into_inner);
+        let window = |camera: &Camera| {
+            // A thread that waits for others may begin another window before this one is done.
+            let mut renderer = idle().pop().unwrap_or_default();
+            let color = renderer.render(self.scene, camera, &settings, &())?.color.clone();
+            idle().push(renderer);
+            Ok(color)
+        };
+        let frames: Vec<Vec<[f32; 4]>> =
+            self.windows.par_iter().map(window).collect::<Result<_, SceneError>>()?;
+        let encode = |[r, g, b, a]: [f32; 4]| {
+            if settings.blend == Blend::Linear || a <= 0.0 {
+                return [r, g, b, a];
+            }
+            let [r, g, b] = [r, g, b].map(|c| a * linear_to_srgb(c / a));
+            [r, g, b, a]
+        };
+        Ok(frames.into_iter().flatten().map(encode).collect())
+    }
 }
 
 /// The error that a share of the pixels keep to, of those that show anything.
