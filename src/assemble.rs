@@ -5,7 +5,7 @@ use crate::description::{CameraOptions, Look};
 use crate::detail::levels_pay;
 use crate::draw::Drawing;
 use crate::finish::{Paint, kept};
-use crate::framing::{View, outline};
+use crate::framing::{View, farthest, outline};
 use crate::progress::Console;
 use crate::volume_looks::{Field, volume_clouds};
 use anyhow::{Context, Result, ensure};
@@ -16,6 +16,7 @@ use oblate::surfels::{
     shown_spacing, view_spacing,
 };
 use oblate::volumes::Volume;
+use rayon::prelude::*;
 
 /// Surfels of all meshes together, where their number follows the view: in all and for each pixel of the
 /// picture. The nearest place sets the density of the whole, and beyond some surfels a pixel nobody sees more.
@@ -214,43 +215,43 @@ fn framed(
     up: DVec3,
     size: [u32; 2],
 ) -> Result<View> {
-    let of_cloud = |cloud: &Cloud, see: &mut dyn FnMut(DVec3)| {
+    fn of_cloud(cloud: &Cloud) -> impl ParallelIterator<Item = DVec3> {
         let to_world = cloud.cloud_to_world();
-        (0..cloud.len()).for_each(|i| see(to_world.transform_point3(cloud.center(i).as_dvec3())));
+        let centers = (0..cloud.len()).into_par_iter().with_min_len(POINTS_A_TASK);
+        centers.map(move |i| to_world.transform_point3(cloud.center(i).as_dvec3()))
+    }
+    fn of_mesh(mesh: &Mesh, place: DAffine3) -> impl ParallelIterator<Item = DVec3> {
+        mesh.primitives.par_iter().flat_map(move |part| {
+            let to_world = place * part.primitive_to_mesh;
+            let positions = part.positions.par_iter().with_min_len(POINTS_A_TASK);
+            positions.map(move |p| to_world.transform_point3(p.as_dvec3()))
+        })
+    }
+    let everywhere = |outline: Vec<DVec3>, places: &[DAffine3]| -> Vec<DVec3> {
+        places.iter().flat_map(|place| outline.iter().map(|p| place.transform_point3(*p))).collect()
     };
-    let of_mesh = |mesh: &Mesh, see: &mut dyn FnMut(DVec3)| {
-        for part in &mesh.primitives {
-            let to_mesh = part.primitive_to_mesh;
-            part.positions.iter().for_each(|p| see(to_mesh.transform_point3(p.as_dvec3())));
+    let (cloud_copies, clouds): (Vec<_>, Vec<_>) = standing.iter().partition(|own| own.moves.len() > 1);
+    let (mesh_copies, meshes): (Vec<_>, Vec<_>) = meshes.iter().partition(|own| own.places.len() > 1);
+    let cloud_copies =
+        cloud_copies.into_iter().map(|own| everywhere(outline(of_cloud(&own.cloud)), &own.moves));
+    let mesh_copies = mesh_copies
+        .into_iter()
+        .map(|own| everywhere(outline(of_mesh(&own.mesh, DAffine3::IDENTITY)), &own.places));
+    let copies: Vec<DVec3> = cloud_copies.chain(mesh_copies).flatten().collect();
+    let reach = |directions: &[DVec3]| {
+        let clouds = clouds.iter().map(|own| farthest(of_cloud(&own.cloud), directions));
+        let meshes = meshes.iter().map(|own| farthest(of_mesh(&own.mesh, own.places[0]), directions));
+        let mut reach = vec![f64::NEG_INFINITY; directions.len()];
+        for farthest in clouds.chain(meshes).chain([farthest(copies.par_iter().copied(), directions)]) {
+            reach.iter_mut().zip(farthest).for_each(|(reach, (along, _))| *reach = reach.max(along));
         }
+        reach
     };
-    let cloud_outline =
-        |own: &Standing| (own.moves.len() > 1).then(|| outline(&|see| of_cloud(&own.cloud, see)));
-    let mesh_outline =
-        |own: &StandingMesh| (own.places.len() > 1).then(|| outline(&|see| of_mesh(&own.mesh, see)));
-    let cloud_outlines: Vec<_> = standing.iter().map(cloud_outline).collect();
-    let mesh_outlines: Vec<_> = meshes.iter().map(mesh_outline).collect();
-    let everywhere = |outline: &[DVec3], places: &[DAffine3], see: &mut dyn FnMut(DVec3)| {
-        for place in places {
-            outline.iter().for_each(|p| see(place.transform_point3(*p)));
-        }
-    };
-    let points = |see: &mut dyn FnMut(DVec3)| {
-        for (own, outline) in standing.iter().zip(&cloud_outlines) {
-            match outline {
-                Some(outline) => everywhere(outline, &own.moves, see),
-                None => of_cloud(&own.cloud, see),
-            }
-        }
-        for (own, outline) in meshes.iter().zip(&mesh_outlines) {
-            match outline {
-                Some(outline) => everywhere(outline, &own.places, see),
-                None => of_mesh(&own.mesh, &mut |p| see(own.places[0].transform_point3(p))),
-            }
-        }
-    };
-    View::complete(camera, &points, up, size)
+    View::complete(camera, &reach, up, size)
 }
+
+/// The least number of points that a thread looks at in one go.
+const POINTS_A_TASK: usize = 4096;
 
 /// As many surfels as asked for; else one a pixel, at most `most`.
 fn surfels(mesh: &Mesh, look: &Look, camera: &Camera, most: usize) -> Result<Cloud> {

@@ -5,6 +5,7 @@ use crate::notation::comma_list;
 use anyhow::{Context, Result};
 use glam::{DMat3, DVec2, DVec3};
 use oblate::engine::{Camera, Pose};
+use rayon::prelude::*;
 
 /// Share of half the picture that stays free on each side of a framed scene.
 const MARGIN: f64 = 0.06;
@@ -30,17 +31,17 @@ enum Lens {
 }
 
 impl View {
-    /// Completes the options, which were checked, so that `points` (world space) fill a picture of `size`. `up` counts where
+    /// Completes the options, which were checked, so that what has this `reach` fills a picture of `size`. `up` counts where
     /// the options say none.
     pub(crate) fn complete(
         options: &CameraOptions,
-        points: Points<'_>,
+        reach: Reach<'_>,
         up: DVec3,
         size: [u32; 2],
     ) -> Result<Self> {
         let fov = options.fov.unwrap_or(FOV);
         let [eye, target, up_given] = [options.eye, options.target, options.up].map(|v| v.map(DVec3::from));
-        let middle = middle(points);
+        let middle = middle(reach);
 
         // The direction from the target to the eye.
         let outward = match eye {
@@ -58,7 +59,7 @@ impl View {
         let pose = Pose::look_at(outward, DVec3::ZERO, up).context("camera")?;
         let aspect = f64::from(size[0]) / f64::from(size[1]);
         let tangent = (fov.to_radians() / 2.0).tan() * DVec2::new(aspect, 1.0) * (1.0 - MARGIN);
-        let framed = Framed { rotation: pose.world_to_camera.matrix3, middle, points, tangent };
+        let framed = Framed { rotation: pose.world_to_camera.matrix3, middle, reach, tangent };
         let [framed_eye, framed_target] = match (eye, target) {
             (Some(eye), _) => [eye, middle],
             (None, Some(target)) => [framed.back_from(target), target],
@@ -95,15 +96,35 @@ impl std::fmt::Display for View {
     }
 }
 
-/// What is to be seen, in world space: calls back with each point.
-pub(crate) type Points<'a> = &'a dyn Fn(&mut dyn FnMut(DVec3));
+/// How far what is to be seen, in world space, reaches along each of some directions; −∞ where there is nothing.
+pub(crate) type Reach<'a> = &'a dyn Fn(&[DVec3]) -> Vec<f64>;
+
+/// The farthest of the points along each of some directions, and how far that is; −∞ without points.
+pub(crate) fn farthest(
+    points: impl ParallelIterator<Item = DVec3>,
+    directions: &[DVec3],
+) -> Vec<(f64, DVec3)> {
+    let none = || vec![(f64::NEG_INFINITY, DVec3::ZERO); directions.len()];
+    let with = |mut farthest: Vec<(f64, DVec3)>, p: DVec3| {
+        for (own, direction) in farthest.iter_mut().zip(directions) {
+            let along = p.dot(*direction);
+            if along > own.0 {
+                *own = (along, p);
+            }
+        }
+        farthest
+    };
+    let farther = |a: (f64, DVec3), b: (f64, DVec3)| if b.0 > a.0 { b } else { a };
+    let both = |a: Vec<_>, b: Vec<_>| a.into_iter().zip(b).map(|(a, b)| farther(a, b)).collect();
+    points.fold(none, with).reduce(none, both)
+}
 
 /// Directions that an outline is taken in: any is within 0.24 radians of one of them, so that an outline of a ball reaches at most
 /// 2.9 % less far than the ball, which the margin has room for.
 const OUTLINE: usize = 128;
 
 /// The farthest of the points in each of many directions, evenly spread: so few that many copies of them are soon seen.
-pub(crate) fn outline(points: Points<'_>) -> Vec<DVec3> {
+pub(crate) fn outline(points: impl ParallelIterator<Item = DVec3>) -> Vec<DVec3> {
     // A spiral of golden angles on the sphere.
     let golden_angle = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     let direction = |i: usize| {
@@ -111,60 +132,52 @@ pub(crate) fn outline(points: Points<'_>) -> Vec<DVec3> {
         (DVec2::from_angle(golden_angle * i as f64) * (1.0 - z * z).sqrt()).extend(z)
     };
     let directions: [DVec3; OUTLINE] = std::array::from_fn(direction);
-    let mut farthest = [(f64::NEG_INFINITY, DVec3::ZERO); OUTLINE];
-    points(&mut |p| {
-        for (own, direction) in farthest.iter_mut().zip(&directions) {
-            let along = p.dot(*direction);
-            if along > own.0 {
-                *own = (along, p);
-            }
-        }
-    });
+    let farthest = farthest(points, &directions);
     let mut outline: Vec<DVec3> =
         farthest.into_iter().filter(|(along, _)| along.is_finite()).map(|(_, p)| p).collect();
     outline.dedup();
     outline
 }
 
-/// The middle of the points' bounds; the origin without points.
-fn middle(points: Points<'_>) -> DVec3 {
-    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    points(&mut |p| (low, high) = (low.min(p), high.max(p)));
+/// The middle of the bounds; the origin where there is nothing.
+fn middle(reach: Reach<'_>) -> DVec3 {
+    let ends = reach(&[DVec3::X, DVec3::Y, DVec3::Z, DVec3::NEG_X, DVec3::NEG_Y, DVec3::NEG_Z]);
+    let (high, low) = (DVec3::from_slice(&ends[..3]), -DVec3::from_slice(&ends[3..]));
     if low.is_finite() && high.is_finite() { (low + high) / 2.0 } else { DVec3::ZERO }
 }
 
-/// Points seen by a camera that is turned and whose place is wanted.
+/// What is seen by a camera that is turned and whose place is wanted.
 struct Framed<'a> {
     /// Rows: right, down, forward.
     rotation: DMat3,
     middle: DVec3,
-    points: Points<'a>,
+    reach: Reach<'a>,
     /// Slopes of the frame's sides, right and down.
     tangent: DVec2,
 }
 
 impl Framed<'_> {
-    /// The largest value of `of` over the points in camera axes; −∞ without points.
-    fn largest(&self, of: impl Fn(DVec3) -> f64) -> f64 {
-        let mut largest = f64::NEG_INFINITY;
-        (self.points)(&mut |p| largest = largest.max(of(self.rotation * p)));
-        largest
+    /// The largest x − t z, −x − t z, y − t z and −y − t z in camera axes, seen from a place, each with the t of its axis; −∞
+    /// where there is nothing.
+    fn sides(&self, from: DVec3) -> [f64; 4] {
+        let [right, down, forward] = [0, 1, 2].map(|axis| self.rotation.row(axis));
+        let [back_x, back_y] = [self.tangent.x, self.tangent.y].map(|t| -t * forward);
+        let directions = [right + back_x, -right + back_x, down + back_y, -down + back_y];
+        let reach = (self.reach)(&directions);
+        std::array::from_fn(|side| reach[side] - directions[side].dot(from))
     }
 
-    /// The nearest eye from which all points project into the frame, and the point of its axis at the
+    /// The nearest eye from which everything projects into the frame, and the point of its axis at the
     /// depth of the middle.
     ///
     /// A point at (x, z) is inside if |x − e_x| ≤ t (z − e_z), that is x − t z ≤ e_x − t e_z and
     /// −x − t z ≤ −e_x − t e_z: with the largest left sides a and b, e_z ≤ −(a + b)/2t, and
     /// e_x = (a − b)/2 keeps the same distance from both sides.
     fn fitted(&self) -> [DVec3; 2] {
-        let t = self.tangent;
-        let side = |axis: fn(DVec3) -> f64, t: f64| {
-            let (a, b) = (self.largest(|p| axis(p) - t * p.z), self.largest(|p| -axis(p) - t * p.z));
-            ((a - b) / 2.0, -(a + b) / (2.0 * t))
-        };
-        let (x, z_for_x) = side(|p| p.x, t.x);
-        let (y, z_for_y) = side(|p| p.y, t.y);
+        let side = |[a, b]: [f64; 2], t: f64| ((a - b) / 2.0, -(a + b) / (2.0 * t));
+        let [right, left, down, up] = self.sides(DVec3::ZERO);
+        let (x, z_for_x) = side([right, left], self.tangent.x);
+        let (y, z_for_y) = side([down, up], self.tangent.y);
         let center = self.rotation * self.middle;
         let z = z_for_x.min(z_for_y);
         // A single point needs no distance, and none at all has no place: stand one unit away.
@@ -174,13 +187,10 @@ impl Framed<'_> {
         [to_world * eye, to_world * DVec3::new(eye.x, eye.y, center.z)]
     }
 
-    /// The nearest eye on the axis through `target` from which all points project into the frame.
+    /// The nearest eye on the axis through `target` from which everything projects into the frame.
     fn back_from(&self, target: DVec3) -> DVec3 {
-        let center = self.rotation * target;
-        let distance = self.largest(|p| {
-            let q = p - center;
-            (q.truncate().abs() / self.tangent).max_element() - q.z
-        });
+        let [right, left, down, up] = self.sides(target);
+        let distance = (right.max(left) / self.tangent.x).max(down.max(up) / self.tangent.y);
         let distance = if distance > 0.0 && distance.is_finite() { distance } else { 1.0 };
         target - self.rotation.row(2) * distance
     }
@@ -227,7 +237,10 @@ mod tests {
     }
 
     fn complete(options: &CameraOptions, points: &[DVec3], up: DVec3) -> View {
-        View::complete(options, &|see| points.iter().for_each(|p| see(*p)), up, SIZE).unwrap()
+        let reach = |directions: &[DVec3]| -> Vec<f64> {
+            farthest(points.par_iter().copied(), directions).into_iter().map(|(along, _)| along).collect()
+        };
+        View::complete(options, &reach, up, SIZE).unwrap()
     }
 
     /// Bounds of the projections in units of half the picture.
@@ -321,14 +334,14 @@ mod tests {
             let turn = f64::from(i) * 0.1;
             DVec3::new(turn.sin() * (turn * 7.3).cos(), turn.cos(), turn.sin() * (turn * 7.3).sin()) * 3.0
         };
-        let outline = outline(&|see| (0..20_000).for_each(|i| see(ball(i))));
+        let outline = outline((0..20_000).into_par_iter().map(ball));
         assert!(outline.len() <= OUTLINE);
         for direction in (0..500).map(|i| ball(37 * i) / 3.0) {
             let reach = outline.iter().map(|p| p.dot(direction)).fold(0.0, f64::max);
             // cos 0.24 of the radius; points are 0.02 or so apart.
             assert!((0.97 * 3.0..3.001).contains(&reach), "{reach} along {direction}");
         }
-        assert!(super::outline(&|_| {}).is_empty());
+        assert!(super::outline(rayon::iter::empty()).is_empty());
     }
 
     #[test]
