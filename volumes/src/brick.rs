@@ -69,13 +69,33 @@ pub(crate) fn brick_ranges(volume: &Volume) -> Vec<BrickRange> {
 
 fn range_of<T: Copy + Into<f32>>(samples: &[T], dims: [usize; 3], base: [usize; 3]) -> [f32; 2] {
     let end = [0, 1, 2].map(|axis| dims[axis].min(base[axis] + SIDE));
-    // A lane for each sample of a row: lanes do not wait for each other.
-    let (mut low, mut high) = ([f32::INFINITY; SIDE], [f32::NEG_INFINITY; SIDE]);
+    let mut extremes = Extremes::default();
     for k in base[2]..end[2] {
         for j in base[1]..end[1] {
             let row = (k * dims[1] + j) * dims[0];
-            let row = &samples[row + base[0]..row + end[0]];
-            for ((low, high), sample) in low.iter_mut().zip(&mut high).zip(row) {
+            extremes.include(&samples[row + base[0]..row + end[0]]);
+        }
+    }
+    extremes.range()
+}
+
+/// Smallest and largest finite values so far: in lanes, which do not wait for each other.
+pub(crate) struct Extremes {
+    low: [f32; SIDE],
+    high: [f32; SIDE],
+}
+
+impl Default for Extremes {
+    fn default() -> Self {
+        Self { low: [f32::INFINITY; SIDE], high: [f32::NEG_INFINITY; SIDE] }
+    }
+}
+
+impl Extremes {
+    #[inline]
+    pub(crate) fn include<T: Copy + Into<f32>>(&mut self, samples: &[T]) {
+        for row in samples.chunks(SIDE) {
+            for ((low, high), sample) in self.low.iter_mut().zip(&mut self.high).zip(row) {
                 let value: f32 = (*sample).into();
                 let finite = value.is_finite();
                 *low = if finite && value < *low { value } else { *low };
@@ -83,5 +103,10 @@ fn range_of<T: Copy + Into<f32>>(samples: &[T], dims: [usize; 3], base: [usize; 
             }
         }
     }
-    [low.into_iter().fold(f32::INFINITY, f32::min), high.into_iter().fold(f32::NEG_INFINITY, f32::max)]
+
+    /// The first is the greater one where there was no finite value.
+    pub(crate) fn range(&self) -> [f32; 2] {
+        let low = self.low.into_iter().fold(f32::INFINITY, f32::min);
+        [low, self.high.into_iter().fold(f32::NEG_INFINITY, f32::max)]
+    }
 }

@@ -67,8 +67,10 @@ struct Press {
     linear: DMat3,
 }
 
-/// Samples under a transfer function. Their numbers follow Morton order: number n is sample n % 512 of brick
-/// n / 512.
+/// Which samples of a brick show, in Morton order.
+type Shown = [u64; MORTON.len() / u64::BITS as usize];
+
+/// Samples under a transfer function.
 struct Classification<'a, T> {
     volume: &'a Volume,
     samples: &'a [T],
@@ -90,32 +92,55 @@ impl<'a, T: Sample> Classification<'a, T> {
     /// One array after the other: samples are read again for each, but nothing is held that the cloud does not
     /// need.
     fn splats(&self, settings: &KernelSettings) -> Splats {
-        let shown: Vec<usize> =
-            (0..self.bricks.len()).into_par_iter().flat_map_iter(|brick| self.shown(brick)).collect();
+        let shown: Vec<Shown> =
+            (0..self.bricks.len()).into_par_iter().map(|brick| self.shown(brick)).collect();
         let steps = self.volume.steps();
         let place = |index: [usize; 3]| steps * DVec3::from(index.map(|i| i as f64));
-        let indices = || shown.par_iter().map(|number| self.index(*number));
         let round = steps * KERNEL_SIGMA;
         let (centers, shapes) = match settings.flattening {
-            None => (indices().map(|i| place(i).as_vec3()).collect(), Shapes::Shared(round.as_mat3())),
+            None => (self.each(&shown, |i| place(i).as_vec3()), Shapes::Shared(round.as_mat3())),
             Some(flattening) => {
-                let pressed = |index| {
-                    let press = self.press(&flattening, index);
-                    ((place(index) + press.offset).as_vec3(), (press.linear * round).as_mat3())
-                };
-                let (centers, factors) = indices().map(pressed).unzip();
-                (centers, Shapes::Each(factors))
+                let press = |index| self.press(&flattening, index);
+                let factors = self.each(&shown, |i| (press(i).linear * round).as_mat3());
+                (self.each(&shown, |i| (place(i) + press(i).offset).as_vec3()), Shapes::Each(factors))
             }
         };
         Splats {
             centers,
             shapes,
-            strength: Strength::Extinction { masses: indices().map(|index| self.mass(index)).collect() },
-            colors: indices().map(|index| self.lookup.color(self.value(index))).collect(),
+            strength: Strength::Extinction { masses: self.each(&shown, |index| self.mass(index)) },
+            colors: self.each(&shown, |index| self.lookup.color(self.value(index))),
             harmonics: None,
-            normals: Some(indices().map(|index| self.normal(index)).collect()),
+            normals: Some(self.each(&shown, |index| self.normal(index))),
             material: settings.material,
         }
+    }
+
+    /// A value of each sample that shows, by its indices in the grid.
+    fn each<V: Copy + Default + Send>(
+        &self,
+        shown: &[Shown],
+        value: impl Fn([usize; 3]) -> V + Sync,
+    ) -> Vec<V> {
+        let count = |shown: &Shown| shown.iter().map(|row| row.count_ones() as usize).sum::<usize>();
+        let mut values = vec![V::default(); shown.iter().map(count).sum()];
+        let mut rest = &mut values[..];
+        let own = shown.iter().map(|shown| rest.split_off_mut(..count(shown)).unwrap_or_default());
+        let own: Vec<&mut [V]> = own.collect();
+        own.into_par_iter().zip(self.bricks).zip(shown).for_each(|((mut own, brick), shown)| {
+            for (row, locals) in shown.iter().zip(MORTON.chunks_exact(u64::BITS as usize)) {
+                let mut row = *row;
+                while row != 0 {
+                    let local = locals[row.trailing_zeros() as usize];
+                    row &= row - 1;
+                    let index = [0, 1, 2].map(|axis| brick.base[axis] + usize::from(local[axis]));
+                    if let Some(own) = own.split_off_first_mut() {
+                        *own = value(index);
+                    }
+                }
+            }
+        });
+        values
     }
 
     /// What takes a sample's kernel, seen from its place, towards the surface.
@@ -136,32 +161,24 @@ impl<'a, T: Sample> Classification<'a, T> {
         Press { offset: scaled * above, linear: DMat3::IDENTITY - outer }
     }
 
-    /// The numbers of a brick's samples that show.
-    fn shown(&self, brick: usize) -> impl Iterator<Item = usize> {
+    /// Which of a brick's samples show.
+    fn shown(&self, brick: usize) -> Shown {
         let BrickRange { base, range } = self.bricks[brick];
+        let mut shown = Shown::default();
+        if !self.lookup.transfer.shows_within(range) {
+            return shown;
+        }
         let (dims, first) = (self.volume.dims(), self.volume.place(base));
         let whole = (0..3).all(|axis| base[axis] + SIDE <= dims[axis]);
-        let in_grid = move |number: usize| {
-            whole || {
-                let index = self.index(number);
-                (0..3).all(|axis| index[axis] < dims[axis])
-            }
-        };
-        let extinction = move |number: usize| {
-            let place = first + self.offsets[number % MORTON.len()];
-            self.lookup.extinction(self.samples[place].into())
-        };
-        let count = if self.lookup.transfer.shows_within(range) { MORTON.len() } else { 0 };
-        (brick * MORTON.len()..).take(count).filter(move |&number| {
-            in_grid(number) && extinction(number) > 0.0 && self.ramp_factor(|| self.index(number)) > 0.0
-        })
-    }
-
-    /// The sample's indices in the grid.
-    #[inline]
-    fn index(&self, number: usize) -> [usize; 3] {
-        let (base, local) = (self.bricks[number / MORTON.len()].base, MORTON[number % MORTON.len()]);
-        [0, 1, 2].map(|axis| base[axis] + usize::from(local[axis]))
+        let index = |local: [u8; 3]| [0, 1, 2].map(|axis| base[axis] + usize::from(local[axis]));
+        for (number, (offset, local)) in self.offsets.iter().zip(MORTON).enumerate() {
+            let in_grid = whole || index(local).iter().zip(dims).all(|(i, length)| *i < length);
+            let is_shown = in_grid
+                && self.lookup.extinction(self.samples[first + offset].into()) > 0.0
+                && self.ramp_factor(|| index(local)) > 0.0;
+            shown[number / 64] |= u64::from(is_shown) << (number % 64);
+        }
+        shown
     }
 
     #[inline]

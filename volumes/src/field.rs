@@ -3,6 +3,7 @@
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
+use crate::brick::Extremes;
 use crate::volume::{GridFrame, Volume, VolumeError, Voxels};
 
 /// The difference per sample step at `here` from its two neighbours along one axis: central where both are
@@ -43,15 +44,15 @@ impl Volume {
     /// Smallest and largest finite value; `None` if there is none.
     pub fn value_range(&self) -> Option<[f32; 2]> {
         fn range<T: Copy + Into<f32> + Sync>(samples: &[T]) -> [f32; 2] {
-            let none = [f32::INFINITY, f32::NEG_INFINITY];
-            let fold = |[low, high]: [f32; 2], sample: &T| {
-                let value: f32 = (*sample).into();
-                if value.is_finite() { [low.min(value), high.max(value)] } else { [low, high] }
+            let of_chunk = |chunk: &[T]| {
+                let mut extremes = Extremes::default();
+                extremes.include(chunk);
+                extremes.range()
             };
             samples
                 .par_chunks(1 << 16)
-                .map(|chunk| chunk.iter().fold(none, fold))
-                .reduce(|| none, |a, b| [a[0].min(b[0]), a[1].max(b[1])])
+                .map(of_chunk)
+                .reduce(|| Extremes::default().range(), |a, b| [a[0].min(b[0]), a[1].max(b[1])])
         }
         let [low, high] = match self.voxels() {
             Voxels::U8(v) => range(v),
