@@ -176,8 +176,6 @@ struct Search<S: Simd> {
     farthest: f32,
     /// The nearest of what was not looked at, since it begins behind those limits.
     skipped: f32,
-    /// Places in the list of the first samples that were found in a batch.
-    firsts: u32x16<S>,
 }
 
 /// Turns a tile's surface records into cuts. Behind a transmittance of `spent` nothing is kept.
@@ -325,7 +323,6 @@ impl LayerBuilder<'_> {
             done: is_open.select(peel.previous, infinity).reduce_min(),
             farthest: peel.limit.reduce_max(),
             skipped: f32::INFINITY,
-            firsts: u32x16::simd_from(simd, u32::MAX),
         };
         let mut evaluated = 0;
         // Again where a nearer first sample has a farther limit than those by which others were left out.
@@ -370,7 +367,8 @@ impl LayerBuilder<'_> {
         search.skipped = search.skipped.min(between.next);
         let mut evaluated = 0;
         let zero = W::simd_from(simd, 0.0);
-        search.firsts = u32x16::simd_from(simd, u32::MAX);
+        // What every record may change is kept in registers.
+        let (mut depth, mut firsts) = (peel.depth, u32x16::simd_from(simd, u32::MAX));
         // Those of one form together: no processor foresees which form comes next.
         for mut set in surfels.by_form(between.within) {
             while set != 0 {
@@ -392,10 +390,9 @@ impl LayerBuilder<'_> {
                     }
                 }
                 let weight = inside.select(surfel.weight(simd, &sample, here.pixels, &self.lens), zero);
-                let nearer = inside & sample.depth.simd_lt(peel.depth);
-                peel.depth = nearer.select(sample.depth, peel.depth);
-                let place = u32x16::simd_from(simd, listed.len() as u32);
-                search.firsts = nearer.select(place, search.firsts);
+                let nearer = inside & sample.depth.simd_lt(depth);
+                depth = nearer.select(sample.depth, depth);
+                firsts = nearer.select(u32x16::simd_from(simd, listed.len() as u32), firsts);
                 let mut entry = Listed {
                     depth: Plane::ZERO,
                     weight: Plane::ZERO,
@@ -408,7 +405,8 @@ impl LayerBuilder<'_> {
                 listed.push(entry);
             }
         }
-        self.limit(simd, (batches, here), (listed, search.firsts), peel);
+        peel.depth = depth;
+        self.limit(simd, (batches, here), (listed, firsts), peel);
         if !peel.takes_all {
             search.farthest = peel.limit.reduce_max();
         }

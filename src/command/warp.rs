@@ -99,7 +99,9 @@ pub(crate) fn run(args: WarpArgs) -> Result<()> {
     let poses = args.poses()?;
     let (images, load_time) = timed(|| args.inputs.load(console))?;
     let cameras = poses.iter().map(|pose| args.camera(&images[0], *pose)).collect::<Result<Vec<_>>>()?;
-    let mut warp = Warp::new(&images, args.fill);
+    // Filling asks for depths.
+    let channels = if args.fill { Channels::All } else { format.channels() };
+    let mut warp = Warp::new(&images, (args.fill, channels));
     let repeats = if stats.is_some() { args.repeat.unwrap_or(1) + 1 } else { 1 };
     if let [camera] = &cameras[..]
         && args.sequence.is_none()
@@ -191,6 +193,7 @@ fn beside(path: &Path, number: usize) -> PathBuf {
 struct Warp<'a> {
     images: &'a [RgbdImage],
     fill: bool,
+    channels: Channels,
     renderer: Renderer,
     frame: Frame,
     surfels: u64,
@@ -201,9 +204,9 @@ struct Warp<'a> {
 }
 
 impl<'a> Warp<'a> {
-    fn new(images: &'a [RgbdImage], fill: bool) -> Self {
+    fn new(images: &'a [RgbdImage], (fill, channels): (bool, Channels)) -> Self {
         let (renderer, frame, times) = (Renderer::new(), Frame::default(), Default::default());
-        Self { images, fill, renderer, frame, surfels: 0, holes: 0, filled: 0, times }
+        Self { images, fill, channels, renderer, frame, surfels: 0, holes: 0, filled: 0, times }
     }
 
     fn draw(&mut self, camera: &Camera) -> Result<()> {
@@ -212,7 +215,7 @@ impl<'a> Warp<'a> {
             // Photographs are resampled as they are stored.
             blend: Blend::Display,
             shade: false,
-            channels: Channels::All,
+            channels: self.channels,
             ..RenderSettings::default()
         };
         let (clouds, surfels_time) =

@@ -7,6 +7,7 @@ use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder, ImageFormat, ImageReader};
 use oblate::engine::Frame;
 use oblate::engine::color::linear_to_srgb;
+use rayon::prelude::*;
 use std::io::Cursor;
 
 /// Display-encoded, not premultiplied, each channel from 0 to 1.
@@ -17,23 +18,19 @@ fn display([r, g, b, a]: [f32; 4]) -> [f32; 4] {
     [channel(r), channel(g), channel(b), alpha]
 }
 
-fn bytes(frame: &Frame) -> Vec<u8> {
-    frame.color.iter().flat_map(|c| display(*c).map(|v| (v * 255.0).round() as u8)).collect()
+fn levels_8(frame: &Frame) -> Vec<[u8; 4]> {
+    frame.color.par_iter().map(|c| display(*c).map(|v| (v * 255.0).round() as u8)).collect()
 }
 
 pub(super) fn write_8(frame: &Frame, file: &mut dyn WriteSeek) -> Result<()> {
-    encode(&bytes(frame), [frame.width, frame.height], ExtendedColorType::Rgba8, file)
+    encode(levels_8(frame).as_flattened(), [frame.width, frame.height], ExtendedColorType::Rgba8, file)
 }
 
 pub(super) fn write_16(frame: &Frame, file: &mut dyn WriteSeek) -> Result<()> {
     // The encoder wants the machine's own byte order.
-    let bytes: Vec<u8> = frame
-        .color
-        .iter()
-        .flat_map(|c| display(*c).map(|v| ((v * 65_535.0).round() as u16).to_ne_bytes()))
-        .flatten()
-        .collect();
-    encode(&bytes, [frame.width, frame.height], ExtendedColorType::Rgba16, file)
+    let level = |v: f32| ((v * 65_535.0).round() as u16).to_ne_bytes();
+    let levels: Vec<[[u8; 2]; 4]> = frame.color.par_iter().map(|c| display(*c).map(level)).collect();
+    encode(levels.as_flattened().as_flattened(), [frame.width, frame.height], ExtendedColorType::Rgba16, file)
 }
 
 pub(super) fn write_animation(
@@ -47,7 +44,7 @@ pub(super) fn write_animation(
     encoder.set_frame_delay(1, rate)?;
     let mut writer = encoder.write_header()?;
     for frame in frames {
-        writer.write_image_data(&bytes(&frame?))?;
+        writer.write_image_data(levels_8(&frame?).as_flattened())?;
     }
     writer.finish()?;
     Ok(())
