@@ -227,23 +227,23 @@ fn framed(
             positions.map(move |p| to_world.transform_point3(p.as_dvec3()))
         })
     }
-    let everywhere = |outline: Vec<DVec3>, places: &[DAffine3]| -> Vec<DVec3> {
-        places.iter().flat_map(|place| outline.iter().map(|p| place.transform_point3(*p))).collect()
-    };
-    let (cloud_copies, clouds): (Vec<_>, Vec<_>) = standing.iter().partition(|own| own.moves.len() > 1);
-    let (mesh_copies, meshes): (Vec<_>, Vec<_>) = meshes.iter().partition(|own| own.places.len() > 1);
-    let cloud_copies =
-        cloud_copies.into_iter().map(|own| everywhere(outline(of_cloud(&own.cloud)), &own.moves));
-    let mesh_copies = mesh_copies
-        .into_iter()
-        .map(|own| everywhere(outline(of_mesh(&own.mesh, DAffine3::IDENTITY)), &own.places));
-    let copies: Vec<DVec3> = cloud_copies.chain(mesh_copies).flatten().collect();
+    // Of what stands in one place all counts.
+    let (copied, single): (Vec<_>, Vec<_>) = standing.iter().partition(|own| own.moves.len() > 1);
+    let (copied_meshes, single_meshes): (Vec<_>, Vec<_>) =
+        meshes.iter().partition(|own| own.places.len() > 1);
+    let of_clouds = copied.into_iter().map(|own| (outline(of_cloud(&own.cloud)), &own.moves));
+    let of_meshes =
+        copied_meshes.into_iter().map(|own| (outline(of_mesh(&own.mesh, DAffine3::IDENTITY)), &own.places));
+    let outlines: Vec<(Vec<DVec3>, &Vec<DAffine3>)> = of_clouds.chain(of_meshes).collect();
     let reach = |directions: &[DVec3]| {
-        let clouds = clouds.iter().map(|own| farthest(of_cloud(&own.cloud), directions));
-        let meshes = meshes.iter().map(|own| farthest(of_mesh(&own.mesh, own.places[0]), directions));
+        let copies = outlines.par_iter().flat_map(|(outline, places)| {
+            places.par_iter().flat_map_iter(|place| outline.iter().map(|p| place.transform_point3(*p)))
+        });
+        let clouds = single.iter().map(|own| farthest(of_cloud(&own.cloud), directions));
+        let meshes = single_meshes.iter().map(|own| farthest(of_mesh(&own.mesh, own.places[0]), directions));
         let mut reach = vec![f64::NEG_INFINITY; directions.len()];
-        for farthest in clouds.chain(meshes).chain([farthest(copies.par_iter().copied(), directions)]) {
-            reach.iter_mut().zip(farthest).for_each(|(reach, (along, _))| *reach = reach.max(along));
+        for ends in clouds.chain(meshes).chain([farthest(copies, directions)]) {
+            reach.iter_mut().zip(ends).for_each(|(reach, (along, _))| *reach = reach.max(along));
         }
         reach
     };

@@ -64,6 +64,7 @@ impl VisibleRange {
             center,
             center_in_camera: DVec3::ZERO,
             reach: f64::INFINITY,
+            // So that what is left of the reach is a number.
             radius: f64::MAX,
             sigma: f64::INFINITY,
             distances: [0.0, f32::INFINITY],
@@ -145,8 +146,8 @@ impl Frustum {
             && self.sides.iter().all(|plane| plane.dot(center.extend(1.0)) + radius >= 0.0)
     }
 
-    /// Whether a sphere lies between all sides.
-    pub(crate) fn contains_sphere(&self, center: DVec3, radius: f64) -> bool {
+    /// Whether a sphere lies between all sides, be it before the near plane or behind.
+    pub(crate) fn is_between_sides(&self, center: DVec3, radius: f64) -> bool {
         self.sides.iter().all(|plane| plane.dot(center.extend(1.0)) >= radius)
     }
 

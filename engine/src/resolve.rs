@@ -217,11 +217,11 @@ impl Resolver<'_> {
         );
         let [x, y, z] = turned;
         let squared = x.mul_add(x, y.mul_add(y, z * z));
-        let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
-        let inverse = squared.simd_gt(W::simd_from(simd, 1e-30)).select(one / squared.sqrt(), zero);
+        let inverse = W::simd_from(simd, 1.0) / squared.sqrt();
+        let is_one = squared.simd_gt(W::simd_from(simd, 1e-30)) & squared.simd_lt(W::simd_from(simd, 1e30));
         turned.each(
             #[inline(always)]
-            |v| v * inverse,
+            |v| is_one.select(v * inverse, W::simd_from(simd, 0.0)),
         )
     }
 }

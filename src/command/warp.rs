@@ -101,7 +101,7 @@ pub(crate) fn run(args: WarpArgs) -> Result<()> {
     let cameras = poses.iter().map(|pose| args.camera(&images[0], *pose)).collect::<Result<Vec<_>>>()?;
     // Filling asks for depths.
     let channels = if args.fill { Channels::All } else { format.channels() };
-    let mut warp = Warp::new(&images, (args.fill, channels));
+    let mut warp = Warp::new(&images, args.fill, channels);
     let repeats = if stats.is_some() { args.repeat.unwrap_or(1) + 1 } else { 1 };
     if let [camera] = &cameras[..]
         && args.sequence.is_none()
@@ -204,7 +204,7 @@ struct Warp<'a> {
 }
 
 impl<'a> Warp<'a> {
-    fn new(images: &'a [RgbdImage], (fill, channels): (bool, Channels)) -> Self {
+    fn new(images: &'a [RgbdImage], fill: bool, channels: Channels) -> Self {
         let (renderer, frame, times) = (Renderer::new(), Frame::default(), Default::default());
         Self { images, fill, channels, renderer, frame, surfels: 0, holes: 0, filled: 0, times }
     }

@@ -69,6 +69,30 @@ fn a_wall_moves_by_its_disparity() {
 }
 
 #[test]
+fn what_a_box_hid_is_filled_from_the_wall() {
+    let place = room();
+    // A box of 16×16 pixels, 1 m away, moves by 6 px, the wall behind it by 3.
+    let is_box = |at: usize| (24..40).contains(&(at % SIZE[0])) && (16..32).contains(&(at / SIZE[0]));
+    let depth = |at: usize| if is_box(at) { 1000_u16 } else { 2000 };
+    let depths = (0..SIZE[0] * SIZE[1]).flat_map(|at| depth(at).to_be_bytes());
+    place.write("depth.pgm", b"P5 64 48 65535\n".iter().copied().chain(depths).collect::<Vec<u8>>());
+    let mut stats = ["w.png", "f.png"].map(|name| {
+        let fill: &[&str] = if name == "f.png" { &["--fill"] } else { &[] };
+        let args = [&with(&["--to", "log.txt:1", "-o", name, "--stats", "-", "-q"])[..], fill].concat();
+        serde_json::from_str::<Value>(&place.run(&args)[0]).unwrap()
+    });
+    let [open, filled] = stats.each_mut().map(|stats| [stats["holes"].take(), stats["filled"].take()]);
+    assert_eq!(open[1], 0);
+    // Three columns of sixteen rows; the rims of both may be seen through by half.
+    let count = filled[1].as_u64().unwrap();
+    assert!((16..=5 * 16).contains(&count), "{count}");
+    assert_eq!(filled[0], open[0]);
+    let [open, filled] = ["w.png", "f.png"].map(|name| levels(&place.path(name)));
+    let hidden = |picture: &RgbaImage| (16..32).filter(|y| pixel(picture, 35, *y)[3] < 128).count();
+    assert_eq!([hidden(&open), hidden(&filled)], [16, 0]);
+}
+
+#[test]
 fn depths_are_read_as_they_are_meant() {
     let place = room();
     place.run(&with(&["--to", "log.txt:1", "-o", "a.exr"]));

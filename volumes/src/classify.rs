@@ -67,8 +67,11 @@ struct Press {
     linear: DMat3,
 }
 
+/// Bits of a row of [`Shown`].
+const ROW: usize = u64::BITS as usize;
+
 /// Which samples of a brick show, in Morton order.
-type Shown = [u64; MORTON.len() / u64::BITS as usize];
+type Shown = [u64; MORTON.len() / ROW];
 
 /// Samples under a transfer function.
 struct Classification<'a, T> {
@@ -100,9 +103,12 @@ impl<'a, T: Sample> Classification<'a, T> {
         let (centers, shapes) = match settings.flattening {
             None => (self.each(&shown, |i| place(i).as_vec3()), Shapes::Shared(round.as_mat3())),
             Some(flattening) => {
-                let press = |index| self.press(&flattening, index);
-                let factors = self.each(&shown, |i| (press(i).linear * round).as_mat3());
-                (self.each(&shown, |i| (place(i) + press(i).offset).as_vec3()), Shapes::Each(factors))
+                let pressed = |index| {
+                    let press = self.press(&flattening, index);
+                    ((place(index) + press.offset).as_vec3(), (press.linear * round).as_mat3())
+                };
+                let (centers, factors) = self.each(&shown, pressed).into_par_iter().unzip();
+                (centers, Shapes::Each(factors))
             }
         };
         Splats {
@@ -117,26 +123,26 @@ impl<'a, T: Sample> Classification<'a, T> {
     }
 
     /// A value of each sample that shows, by its indices in the grid.
-    fn each<V: Copy + Default + Send>(
+    fn each<V: Copy + Default + Send + Sync>(
         &self,
         shown: &[Shown],
         value: impl Fn([usize; 3]) -> V + Sync,
     ) -> Vec<V> {
         let count = |shown: &Shown| shown.iter().map(|row| row.count_ones() as usize).sum::<usize>();
-        let mut values = vec![V::default(); shown.iter().map(count).sum()];
+        let all = shown.iter().map(count).sum();
+        let mut values: Vec<V> = rayon::iter::repeat_n(V::default(), all).collect();
         let mut rest = &mut values[..];
-        let own = shown.iter().map(|shown| rest.split_off_mut(..count(shown)).unwrap_or_default());
-        let own: Vec<&mut [V]> = own.collect();
-        own.into_par_iter().zip(self.bricks).zip(shown).for_each(|((mut own, brick), shown)| {
-            for (row, locals) in shown.iter().zip(MORTON.chunks_exact(u64::BITS as usize)) {
+        let of_brick = |shown: &Shown| rest.split_off_mut(..count(shown)).unwrap_or_default();
+        let of_bricks: Vec<&mut [V]> = shown.iter().map(of_brick).collect();
+        of_bricks.into_par_iter().zip(self.bricks).zip(shown).for_each(|((values, brick), shown)| {
+            let mut places = values.iter_mut();
+            for (row, locals) in shown.iter().zip(MORTON.chunks_exact(ROW)) {
                 let mut row = *row;
                 while row != 0 {
                     let local = locals[row.trailing_zeros() as usize];
                     row &= row - 1;
                     let index = [0, 1, 2].map(|axis| brick.base[axis] + usize::from(local[axis]));
-                    if let Some(own) = own.split_off_first_mut() {
-                        *own = value(index);
-                    }
+                    *places.next().expect("as many places as bits") = value(index);
                 }
             }
         });
@@ -176,7 +182,7 @@ impl<'a, T: Sample> Classification<'a, T> {
             let is_shown = in_grid
                 && self.lookup.extinction(self.samples[first + offset].into()) > 0.0
                 && self.ramp_factor(|| index(local)) > 0.0;
-            shown[number / 64] |= u64::from(is_shown) << (number % 64);
+            shown[number / ROW] |= u64::from(is_shown) << (number % ROW);
         }
         shown
     }

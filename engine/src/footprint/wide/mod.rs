@@ -117,7 +117,10 @@ impl<'a> WideProjector<'a> {
             #[inline(always)]
             |end| splat(simd, end),
         );
-        let is_inside = self.scalar.view.frustum.contains_sphere(range.center_in_camera, range.reach);
+        let is_inside = self.scalar.view.frustum.is_between_sides(range.center_in_camera, range.reach);
+        // How far its splats reach, and what rounding may move them by.
+        let middle = range.center_in_camera.length() + range.radius;
+        let reach = (range.reach - range.radius + 1e-5 * middle) as f32;
         for first in range.splats.clone().step_by(LANES) {
             let chosen = range.chosen(self.scalar.levels, first);
             if chosen == 0 {
@@ -134,7 +137,7 @@ impl<'a> WideProjector<'a> {
             );
             let block = first / LANES;
             let placed = self.place(simd, origin, from_middle);
-            if !is_inside && !self.touches_picture(simd, &placed, range) {
+            if !is_inside && self.is_beside(simd, &placed, reach) {
                 continue;
             }
             let colors = self.colors(simd, block, &placed, towards);
@@ -147,17 +150,18 @@ impl<'a> WideProjector<'a> {
         out.run.include([ends[0].reduce_min(), ends[1].reduce_max()]);
     }
 
-    /// Whether any of a block's splats may reach into the picture, were all as large as the largest of their range.
+    /// Whether a block's splats, which reach so far at most, lie beside the picture, in every form: the affine one is as wide as if
+    /// all of a splat were as near as its centre, longer by the length of the ray.
     #[inline(always)]
-    fn touches_picture<S: Simd>(&self, simd: S, placed: &Placed<S>, range: &VisibleRange) -> bool {
+    fn is_beside<S: Simd>(&self, simd: S, placed: &Placed<S>, reach: f32) -> bool {
         let [x, y, z] = placed.center;
-        // Rounding moves what is far more than what is near.
-        let reach = (range.reach - range.radius) as f32 + 1e-5 * range.distances[1].abs();
-        let inside = self.sides.each(
+        let end = dot(placed.ray, placed.ray).sqrt() * -reach;
+        let outside = self.sides.each(
             #[inline(always)]
-            |[a, b, c, d]| (x * a + y * b + z * c + d).simd_ge(splat(simd, -reach)),
+            |[a, b, c, d]| (x * a + y * b + z * c + d).simd_lt(end),
         );
-        (inside[0] & inside[1] & inside[2] & inside[3]).any_true()
+        // Where numbers are none nothing is left out.
+        (outside[0] | outside[1] | outside[2] | outside[3]).all_true()
     }
 
     fn push_scalar(&self, range: &VisibleRange, index: usize, out: &mut Places) {

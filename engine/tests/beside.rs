@@ -1,0 +1,92 @@
+//! What lies beside a part of a picture is left out, and nothing else.
+
+#![expect(clippy::unwrap_used, reason = "what is not there fails the test")]
+
+use glam::{DVec3, Mat3, Quat, Vec3};
+use oblate_engine::{
+    Camera, Channels, Cloud, FootprintForm, Material, Order, Pose, RenderSettings, Scene, Shapes, Splats,
+    Strength, Surface, render,
+};
+
+const SIZE: [u32; 2] = [96, 64];
+const PART: u32 = 8;
+const COUNT: usize = 900;
+
+/// Numbers from 0 to 1 in an order without a pattern.
+fn numbers() -> impl FnMut() -> f32 {
+    let mut state = 1_u32;
+    move || {
+        state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+        (state >> 8) as f32 / (1 << 24) as f32
+    }
+}
+
+/// Needles, or surfels, before the origin and beside it: in no order, so that all blocks of eight are as large as the cloud.
+fn scattered(is_surface: bool) -> Cloud {
+    let mut next = numbers();
+    let mut vector = |scale: f32| Vec3::from_array([(); 3].map(|()| scale * (next() - 0.5)));
+    let centers: Vec<Vec3> = (0..COUNT).map(|_| vector(8.0) - Vec3::Z * 4.5).collect();
+    let shape = |turn: Vec3| {
+        let thin = if is_surface { 0.0 } else { 0.02 };
+        let axes = Vec3::new(0.3, if is_surface { 0.1 } else { 0.02 }, thin);
+        Mat3::from_quat(Quat::from_scaled_axis(6.0 * turn)) * Mat3::from_diagonal(axes)
+    };
+    let factors = (0..COUNT).map(|_| shape(vector(1.0))).collect();
+    let strength = if is_surface {
+        let areas = vec![0.2; COUNT];
+        let surface =
+            Surface { areas, opacities: None, depth_tolerance: 0.1, coverage_floor: 0.9, closed: false };
+        Strength::Surface(surface)
+    } else {
+        Strength::Extinction { masses: vec![4e-3; COUNT] }
+    };
+    Cloud::new(Splats {
+        centers,
+        shapes: Shapes::Each(factors),
+        strength,
+        colors: (0..COUNT).map(|_| (vector(1.0) + 0.5).to_array()).collect(),
+        harmonics: None,
+        normals: None,
+        material: Material::default(),
+    })
+    .unwrap()
+}
+
+/// Parts of a picture are what the whole is there, in every form and at wide angles, where affine footprints are far larger than
+/// what they are of. Means differ by the rounding of numbers up to 100 pixels, and kernels of an opacity of at most 0.5 end at
+/// 2e-3 of it: a pixel at such an end may be off by 1e-3, and no more, since ends that lie together are of different kernels.
+#[test]
+fn a_part_is_what_the_whole_is_there() {
+    let pose = Pose::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y).unwrap();
+    let cameras = [
+        Camera::perspective(pose, 110f64.to_radians(), SIZE).unwrap(),
+        Camera::orthographic(pose, 6.0, SIZE).unwrap(),
+    ];
+    for (camera, is_surface) in cameras.iter().flat_map(|camera| [(camera, false), (camera, true)]) {
+        let scene = Scene { clouds: vec![scattered(is_surface)], lights: Vec::new() };
+        for footprint in
+            [FootprintForm::Auto, FootprintForm::Point, FootprintForm::Affine, FootprintForm::Exact]
+        {
+            let settings = RenderSettings {
+                footprint,
+                order: Order::Centers,
+                shade: false,
+                channels: Channels::Color,
+                ..RenderSettings::default()
+            };
+            let whole = render(&scene, camera, &settings, &()).unwrap();
+            let shown = whole.color.iter().filter(|pixel| pixel[3] > 0.01).count();
+            assert!(shown > 1000, "{shown} pixels show anything");
+            for corner in (0..SIZE[0] * SIZE[1] / (PART * PART)).map(|i| [i % 12 * PART, i / 12 * PART]) {
+                let part = camera.part(corner.map(|c| c as i32), [PART; 2]).unwrap();
+                let part = render(&scene, &part, &settings, &()).unwrap();
+                for (place, found) in part.color.iter().enumerate() {
+                    let [x, y] = [corner[0] as usize + place % 8, corner[1] as usize + place / 8];
+                    let expected = whole.color[y * SIZE[0] as usize + x];
+                    let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+                    assert!(off <= 1e-3, "{footprint:?}, surface {is_surface}: {off} at {x}, {y}");
+                }
+            }
+        }
+    }
+}
