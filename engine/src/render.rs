@@ -14,7 +14,7 @@ use crate::layers::{LayerBuffers, LayerBuilder, depth_tolerances};
 use crate::observer::{Counts, Observer, Stage};
 use crate::occlusion::{Looked, Occlusion, Visible};
 use crate::order::{Keys, Sorter, gather};
-use crate::raster::{KernelLens, Surfaces, SurfelLens};
+use crate::raster::{KernelLens, Surfaces, SurfelLens, reach_to_cuts};
 use crate::resolve::Resolver;
 use crate::scene::{Baseline, RenderSettings, Scene};
 use crate::shade::Shader;
@@ -256,6 +256,7 @@ impl Renderer {
                     least_alpha: settings.least_opacity() as f32,
                     closing,
                     is_taylor: settings.baseline == Some(Baseline::Taylor),
+                    reach_to_cuts: reach_to_cuts(settings.tolerance),
                 },
                 spent,
                 keeps_depth: settings.channels == Channels::All,

@@ -230,7 +230,7 @@ impl Compositor<'_> {
                 let places = apart(
                     simd,
                     #[inline(always)]
-                    || kernels.places_in(simd, corner, limits),
+                    || kernels.places_in(simd, (corner, self.lens.reach_to_cuts), limits),
                 );
                 (todo, whole) = (todo & !places.hidden, places.whole);
             }

@@ -35,6 +35,20 @@ pub(crate) struct KernelLens {
     pub(crate) closing: Closing,
     /// Whether opacities are taken to be optical depths.
     pub(crate) is_taylor: bool,
+    /// See [`reach_to_cuts`].
+    pub(crate) reach_to_cuts: f32,
+}
+
+/// How many σ_z from a cut kernels are taken to lie wholly before it or behind it.
+///
+/// Of an even extinction σ_t those that lie x σ_z or more before a cut have σ_t σ_z (φ(x) − xΦ(−x)) of optical depth behind it,
+/// which is less than σ_t σ_z φ(x)/x²; those behind it have as much before it, of the other sign. That factor is an eighth of the
+/// tolerance, or less; below a tolerance of 7e-5 it is that of [`REACH`].
+pub(crate) fn reach_to_cuts(tolerance: f64) -> f32 {
+    let share = tolerance / 8.0 * std::f64::consts::TAU.sqrt();
+    // x² = −2 ln(share x²); each step brings it nearer by a factor of x²/2, two or more.
+    let step = |x: f64| (-2.0 * (share * x * x).ln()).max(4.0).sqrt();
+    (0..32).fold(3.0, |x, _| step(x)).min(f64::from(REACH)) as f32
 }
 
 /// Volume records of a tile, as many as go together, and what follows from them.
@@ -181,12 +195,13 @@ impl Kernels {
         reach.store_slice(&mut self.reach[range]);
     }
 
-    /// Sets of records by where they are in the block with a corner: hidden behind a depth, wholly between two others.
+    /// Sets of records by where they are, with so many σ_z, in the block with a corner: hidden behind a depth, wholly between two
+    /// others.
     #[inline(always)]
     pub(crate) fn places_in<S: Simd>(
         &self,
         simd: S,
-        corner: [f32; 2],
+        (corner, reach): ([f32; 2], f32),
         [near, far, hidden]: [f32; 3],
     ) -> Places {
         let mut places = Places { hidden: 0, whole: 0 };
@@ -199,7 +214,7 @@ impl Kernels {
             let exact = mask32x16::from_bitmask(simd, self.outlines.exact >> first);
             let middle = exact.select(depth, slope[0].mul_add(x, slope[1].mul_add(y, depth)));
             let half =
-                sigma_z.mul_add(W::simd_from(simd, REACH), (slope[0].abs() + slope[1].abs()) * HALF_BLOCK);
+                sigma_z.mul_add(W::simd_from(simd, reach), (slope[0].abs() + slope[1].abs()) * HALF_BLOCK);
             let half = exact.select(sixteen(simd, &self.reach, first), half);
             let (nearest, farthest) = (middle - half, middle + half);
             let whole = nearest.simd_gt(W::simd_from(simd, near)) & farthest.simd_lt(W::simd_from(simd, far));
@@ -322,5 +337,28 @@ impl KernelLens {
         );
         let [x, y, _] = self.lens.positions(in_picture, one);
         x.mul_add(x, y.mul_add(y, one)).sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_beyond_the_reach_to_cuts_is_a_share_of_the_tolerance() {
+        // ∫ (x − r) φ(x) from the reach r on, by the trapezoidal rule; what lies beyond 12 is nothing.
+        let beyond = |reach: f64| {
+            let step = 1e-4;
+            let density = |x: f64| (-0.5 * x * x).exp() / std::f64::consts::TAU.sqrt();
+            (0..120_000).map(|i| f64::from(i) * step).map(|x| x * density(reach + x) * step).sum::<f64>()
+        };
+        let mut before = 0.0;
+        for tolerance in [1.0, 0.3, 8.0 / 255.0, 1.0 / 255.0, 1.0 / 2550.0, 7e-5] {
+            let reach = f64::from(reach_to_cuts(tolerance));
+            assert!(beyond(reach) <= tolerance / 8.0, "{tolerance}: {}", beyond(reach));
+            assert!(reach >= before && reach <= f64::from(REACH));
+            before = reach;
+        }
+        assert_eq!(reach_to_cuts(1e-9), REACH);
     }
 }
