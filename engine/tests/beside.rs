@@ -53,8 +53,8 @@ fn scattered(is_surface: bool) -> Cloud {
 }
 
 /// Parts of a picture are what the whole is there, in every form and at wide angles, where affine footprints are far larger than
-/// what they are of. Means differ by the rounding of numbers up to 100 pixels, and kernels of an opacity of at most 0.5 end at
-/// 2e-3 of it: a pixel at such an end may be off by 1e-3, and no more, since ends that lie together are of different kernels.
+/// what they are of. Means differ by the rounding of numbers up to 100 pixels, so that a pixel at an end may be off by what ends there:
+/// e^{−12.25/2} = 2.2e-3 of an opacity of up to ½ or, of a surface, of a coverage of up to 1 over a floor of 0.9.
 #[test]
 fn a_part_is_what_the_whole_is_there() {
     let pose = Pose::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y).unwrap();
@@ -84,7 +84,8 @@ fn a_part_is_what_the_whole_is_there() {
                     let [x, y] = [corner[0] as usize + place % 8, corner[1] as usize + place / 8];
                     let expected = whole.color[y * SIZE[0] as usize + x];
                     let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-                    assert!(off <= 1e-3, "{footprint:?}, surface {is_surface}: {off} at {x}, {y}");
+                    let most = if is_surface { 2.5e-3 } else { 1.1e-3 };
+                    assert!(off <= most, "{footprint:?}, surface {is_surface}: {off} at {x}, {y}");
                 }
             }
         }
