@@ -137,7 +137,7 @@ impl<'a> WideProjector<'a> {
             );
             let block = first / LANES;
             let placed = self.place(simd, origin, from_middle);
-            if !is_inside && self.is_beside(simd, &placed, reach) {
+            if !is_inside && self.is_beside(&placed, reach) {
                 continue;
             }
             let colors = self.colors(simd, block, &placed, towards);
@@ -153,7 +153,7 @@ impl<'a> WideProjector<'a> {
     /// Whether a block's splats, which reach so far at most, lie beside the picture, in every form: the affine one is as wide as if
     /// all of a splat were as near as its centre, longer by the length of the ray.
     #[inline(always)]
-    fn is_beside<S: Simd>(&self, simd: S, placed: &Placed<S>, reach: f32) -> bool {
+    fn is_beside<S: Simd>(&self, placed: &Placed<S>, reach: f32) -> bool {
         let [x, y, z] = placed.center;
         let end = dot(placed.ray, placed.ray).sqrt() * -reach;
         let outside = self.sides.each(
