@@ -38,8 +38,8 @@ pub(super) struct WideProjector<'a> {
     near: f32,
     tolerance: f32,
     least_opacity: f32,
-    /// Of the picture's sides: a point of camera space is inside where xyz·p + w ≥ 0.
-    sides: [[f32; 4]; 4],
+    /// Of the picture's left and right, its top and bottom: a point of camera space is inside where a x + b z + c ≥ 0, or a y + b z + c.
+    sides: [[[f32; 3]; 2]; 2],
 }
 
 /// The rows of a matrix, each number for every lane: instructions read eight numbers, or one for each of eight lanes
@@ -90,7 +90,11 @@ impl<'a> WideProjector<'a> {
             near: scalar.view.camera.near() as f32,
             tolerance: settings.tolerance as f32,
             least_opacity: settings.least_opacity().max(1e-30) as f32,
-            sides: scalar.view.frustum.sides.map(|side| side.as_vec4().to_array()),
+            sides: [0, 1].map(|axis| {
+                let sides = &scalar.view.frustum.sides;
+                [2 * axis, 2 * axis + 1]
+                    .map(|side| [sides[side][axis], sides[side].z, sides[side].w].map(|n| n as f32))
+            }),
         }
     }
 
@@ -118,9 +122,7 @@ impl<'a> WideProjector<'a> {
             |end| splat(simd, end),
         );
         let is_inside = self.scalar.view.frustum.is_between_sides(range.center_in_camera, range.reach);
-        // How far its splats reach, and what rounding may move them by.
-        let middle = range.center_in_camera.length() + range.radius;
-        let reach = (range.reach - range.radius + 1e-5 * middle) as f32;
+        let reach = self.reach(range);
         for first in range.splats.clone().step_by(LANES) {
             let chosen = range.chosen(self.scalar.levels, first);
             if chosen == 0 {
@@ -137,7 +139,7 @@ impl<'a> WideProjector<'a> {
             );
             let block = first / LANES;
             let placed = self.place(simd, origin, from_middle);
-            if !is_inside && self.is_beside(&placed, reach) {
+            if !is_inside && self.is_beside(simd, &placed, reach) {
                 continue;
             }
             let colors = self.colors(simd, block, &placed, towards);
@@ -150,15 +152,26 @@ impl<'a> WideProjector<'a> {
         out.run.include([ends[0].reduce_min(), ends[1].reduce_max()]);
     }
 
-    /// Whether a block's splats, which reach so far at most, lie beside the picture, in every form: the affine one is as wide as if
-    /// all of a splat were as near as its centre, longer by the length of the ray.
+    /// How far splats of a range reach beyond the picture's sides, in every form: the affine one is as wide as if all of a splat
+    /// were as near as its centre, longer by the length of the ray. And what rounding may move them by.
+    fn reach(&self, range: &VisibleRange) -> f32 {
+        let (center, radius) = (range.center_in_camera, range.radius);
+        let farthest = center.length() + radius;
+        let longest_ray = if self.perspective { farthest / (center.z - radius).max(0.0) } else { 1.0 };
+        ((range.reach - radius) * longest_ray + 1e-5 * farthest) as f32
+    }
+
+    /// Whether a block's splats, which reach so far at most, lie beside the picture.
     #[inline(always)]
-    fn is_beside<S: Simd>(&self, placed: &Placed<S>, reach: f32) -> bool {
+    fn is_beside<S: Simd>(&self, simd: S, placed: &Placed<S>, reach: f32) -> bool {
         let [x, y, z] = placed.center;
-        let end = dot(placed.ray, placed.ray).sqrt() * -reach;
-        let outside = self.sides.each(
+        let end = splat(simd, -reach);
+        let [[left, right], [top, bottom]] = self.sides;
+        let outside = [(x, left), (x, right), (y, top), (y, bottom)].each(
             #[inline(always)]
-            |[a, b, c, d]| (x * a + y * b + z * c + d).simd_lt(end),
+            |(across, [a, b, c])| {
+                across.mul_add(splat(simd, a), z.mul_add(splat(simd, b), splat(simd, c))).simd_lt(end)
+            },
         );
         // Where numbers are none nothing is left out.
         (outside[0] | outside[1] | outside[2] | outside[3]).all_true()
