@@ -21,11 +21,11 @@ fn numbers() -> impl FnMut() -> f32 {
     }
 }
 
-/// Needles, or surfels, before the origin and beside it: in no order, so that all blocks of eight are as large as the cloud.
-fn scattered(is_surface: bool) -> Cloud {
+/// Needles, or surfels, in a cube with a middle and a side: in no order, so that all blocks of eight are as large as it.
+fn scattered(is_surface: bool, middle: Vec3, side: f32) -> Cloud {
     let mut next = numbers();
     let mut vector = |scale: f32| Vec3::from_array([(); 3].map(|()| scale * (next() - 0.5)));
-    let centers: Vec<Vec3> = (0..COUNT).map(|_| vector(8.0) - Vec3::Z * 4.5).collect();
+    let centers: Vec<Vec3> = (0..COUNT).map(|_| vector(side) + middle).collect();
     let shape = |turn: Vec3| {
         let thin = if is_surface { 0.0 } else { 0.02 };
         let axes = Vec3::new(0.3, if is_surface { 0.1 } else { 0.02 }, thin);
@@ -62,8 +62,18 @@ fn a_part_is_what_the_whole_is_there() {
         Camera::perspective(pose, 110f64.to_radians(), SIZE).unwrap(),
         Camera::orthographic(pose, 6.0, SIZE).unwrap(),
     ];
-    for (camera, is_surface) in cameras.iter().flat_map(|camera| [(camera, false), (camera, true)]) {
-        let scene = Scene { clouds: vec![scattered(is_surface)], lights: Vec::new() };
+    // A cube whose sphere reaches behind the eye, of which nothing is left out at wide angles, and some before it, from beside
+    // the picture to its middle.
+    let around = |is_surface| vec![scattered(is_surface, Vec3::new(0.0, 0.0, -4.5), 8.0)];
+    let before = |is_surface| {
+        let middles = [-7.5, -4.5, -1.5, 1.5].map(|x| Vec3::new(x, 0.5, -4.0));
+        middles.map(|middle| scattered(is_surface, middle, 3.0)).into()
+    };
+    let kinds = [(around(false), false), (around(true), true), (before(false), false), (before(true), true)];
+    let scenes = kinds.map(|(clouds, is_surface)| (Scene { clouds, lights: Vec::new() }, is_surface));
+    for (camera, (scene, is_surface)) in
+        cameras.iter().flat_map(|camera| scenes.each_ref().map(|s| (camera, s)))
+    {
         for footprint in
             [FootprintForm::Auto, FootprintForm::Point, FootprintForm::Affine, FootprintForm::Exact]
         {
@@ -74,17 +84,17 @@ fn a_part_is_what_the_whole_is_there() {
                 channels: Channels::Color,
                 ..RenderSettings::default()
             };
-            let whole = render(&scene, camera, &settings, &()).unwrap();
+            let whole = render(scene, camera, &settings, &()).unwrap();
             let shown = whole.color.iter().filter(|pixel| pixel[3] > 0.01).count();
             assert!(shown > 1000, "{shown} pixels show anything");
             for corner in (0..SIZE[0] * SIZE[1] / (PART * PART)).map(|i| [i % 12 * PART, i / 12 * PART]) {
                 let part = camera.part(corner.map(|c| c as i32), [PART; 2]).unwrap();
-                let part = render(&scene, &part, &settings, &()).unwrap();
+                let part = render(scene, &part, &settings, &()).unwrap();
                 for (place, found) in part.color.iter().enumerate() {
                     let [x, y] = [corner[0] as usize + place % 8, corner[1] as usize + place / 8];
                     let expected = whole.color[y * SIZE[0] as usize + x];
                     let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-                    let most = if is_surface { 2.5e-3 } else { 1.1e-3 };
+                    let most = if *is_surface { 2.5e-3 } else { 1.1e-3 };
                     assert!(off <= most, "{footprint:?}, surface {is_surface}: {off} at {x}, {y}");
                 }
             }
