@@ -4,7 +4,7 @@
 use crate::bin::TileLists;
 use crate::camera::Camera;
 use crate::closing::Closing;
-use crate::composite::{Compositor, KernelBuffers, Runs};
+use crate::composite::{Compositor, KernelBuffers, Runs, lead};
 use crate::cull::{VisibleRange, find_affordable, touched_pixels};
 use crate::cuts::Cuts;
 use crate::footprint::{Lens, Records, SceneView};
@@ -231,7 +231,7 @@ impl Renderer {
         (settings, closing): (&RenderSettings, Closing),
         observer: &dyn Observer,
     ) {
-        let Self { surfaces, volumes, occlusion, counts, .. } = self;
+        let Self { visible, surfaces, volumes, occlusion, counts, .. } = self;
         let Self { shaders, depth_tolerances, level, tile_side: side, .. } = self;
         let picture = camera.size().map(|length| length as usize);
         let [columns, rows] = picture.map(|length| length.div_ceil(*side));
@@ -259,6 +259,7 @@ impl Renderer {
                     reach_to_cuts: reach_to_cuts(settings.tolerance),
                 },
                 spent,
+                lead: lead(&visible[1], settings, lens.projection),
                 keeps_depth: settings.channels == Channels::All,
             },
             resolver: Resolver {

@@ -12,6 +12,7 @@ pub(super) struct Centers<S: Simd> {
 impl<S: Simd> Opening<S> for Centers<S> {
     type Open = ();
     const KEEPS_OPEN: bool = false;
+    const CUTS_PLAIN: bool = true;
     type Policy<'a> = ();
 
     #[inline(always)]
@@ -31,12 +32,11 @@ impl<S: Simd> Opening<S> for Centers<S> {
 
     #[inline(always)]
     fn add_plain<const DEPTH: bool>(&mut self, simd: S, mut plain: Plain<S>, (): (), (): &mut ()) {
-        let Plain { kernels, pixels, .. } = plain;
         while let Some(number) = plain.next() {
-            let alpha = kernels.plain_alpha(simd, number, pixels);
-            let shown = self.seen.blend(simd, alpha, kernels.color(number));
+            let [alpha, depth] = plain.alpha_and_depth::<DEPTH>(simd, number);
+            let shown = self.seen.blend(simd, alpha, plain.kernels.color(number));
             if DEPTH {
-                self.seen.place(shown, kernels.depth_at(simd, number, pixels));
+                self.seen.place(shown, depth);
             }
         }
     }

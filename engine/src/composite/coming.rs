@@ -24,7 +24,13 @@ struct Piece {
 impl Coming {
     /// Begins with a list.
     pub(super) fn clear(&mut self) {
+        self.records.clear();
         self.pieces.clear();
+    }
+
+    /// Whether records that were taken go on.
+    pub(super) fn has_pieces(&self) -> bool {
+        !self.pieces.is_empty()
     }
 
     /// Takes the next records of a list, as many as go together; false if there is none.

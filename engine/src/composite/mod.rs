@@ -5,6 +5,7 @@
 
 mod centers;
 mod coming;
+mod ends;
 mod opening;
 mod seen;
 mod shares;
@@ -13,21 +14,20 @@ mod spread;
 mod sums;
 mod window;
 
+pub(crate) use ends::lead;
 use seen::Through;
 pub(crate) use seen::{Runs, Seeing, Seen};
 
-use crate::camera::Projection;
 use crate::closing::Closing;
 use crate::cuts::Cuts;
 use crate::footprint::{Record, Rect};
-use crate::raster::{BATCH, Fragments, KernelLens, Kernels};
+use crate::raster::{BATCH, Fragments, KernelLens, Kernels, Spans};
 use crate::simd::*;
 use crate::tile::{MAX_BLOCKS, PIXELS, Tile, pixels};
 use centers::Centers;
 use coming::Coming;
-use glam::DVec2;
 use opening::{Fragment, Opening, Plain};
-use shares::Shares;
+use shares::Segment;
 use slabs::Slabbed;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use sums::OpenSlabs;
@@ -39,6 +39,8 @@ pub(crate) struct Compositor<'a> {
     pub(crate) rects: &'a [Rect],
     pub(crate) lens: KernelLens,
     pub(crate) spent: f32,
+    /// See [`lead`].
+    pub(crate) lead: f32,
     /// Whether the depth of what is seen is asked for.
     pub(crate) keeps_depth: bool,
 }
@@ -126,10 +128,13 @@ impl Compositor<'_> {
         coming.clear();
         let mut list = list.iter();
         let mut open: u64 = tile.visible_blocks().map(|block| 1 << block).sum();
+        let hidden_from = self.hidden_from(tile, cuts);
         let mut count = 0;
         while open != 0 {
-            let mut used = 0;
+            open &= self.seeing(simd, (list.as_slice(), coming), &hidden_from);
+            let (mut used, mut seeing) = (0, open);
             while used < GROUP
+                && seeing != 0
                 && coming.gather(&mut list, (self.records, self.lens.closing), &mut batches[used].slabs)
             {
                 apart(
@@ -138,6 +143,7 @@ impl Compositor<'_> {
                     || self.fetch(simd, (tile, &coming.records), cuts, &mut batches[used]),
                 );
                 used += 1;
+                seeing &= self.seeing(simd, (list.as_slice(), coming), &hidden_from);
             }
             if used == 0 {
                 break;
@@ -153,7 +159,7 @@ impl Compositor<'_> {
                 open &= !(u64::from(!is_open) << here.block);
             }
         }
-        if let Some(next) = list.as_slice().first().filter(|_| open == 0) {
+        if let Some(next) = list.as_slice().first() {
             // Lists that go on in another way from here on are the same until here, batch by batch.
             let records = coming.records.iter().copied().chain([next.load(Relaxed)]);
             runs.reached = records.map(|record| self.reach(record)).fold(0.0, f32::max);
@@ -178,21 +184,6 @@ impl Compositor<'_> {
             }
         }
         count * PIXELS as u64
-    }
-
-    /// The least distance of a kernel that comes after a record whatever else is listed.
-    fn reach(&self, record: u32) -> f32 {
-        let Record { mean, depth, amplitude_slope_or_slabs: [slab, _], .. } = self.records[record as usize];
-        match &self.lens.closing {
-            Closing::Slabs(slabs) => slabs.begin(slab as u32 + 1),
-            Closing::Sheets(_) => f32::INFINITY,
-            Closing::Centers | Closing::PerPixel => {
-                let lens = &self.lens.lens;
-                let place = lens.position(DVec2::from_array(mean.map(f64::from)), f64::from(depth));
-                let is_perspective = lens.projection == Projection::Perspective;
-                if is_perspective { place.length() as f32 } else { depth }
-            }
-        }
     }
 
     /// Brings records together.
@@ -225,18 +216,22 @@ impl Compositor<'_> {
         for kernels in batches {
             let mut todo = kernels.masks.of(here.block);
             let mut whole = kernels.whole;
+            let mut spans = None;
             if todo != 0 && own_cuts.layers > 0 {
-                let limits = [self.lens.near, own_cuts.nearest, own_cuts.hidden];
-                let places = apart(
+                let own = apart(
                     simd,
                     #[inline(always)]
-                    || kernels.places_in(simd, (corner, self.lens.reach_to_cuts), limits),
+                    || kernels.spans_in(simd, (corner, self.lens.reach_to_cuts)),
                 );
-                (todo, whole) = (todo & !places.hidden, places.whole);
+                let near = [self.lens.near; 2];
+                let ends = [near, [own_cuts.nearest, own_cuts.hidden]];
+                let visible = kernels.places(simd, Some(&own), ends);
+                (todo, whole) = (todo & visible.touched, visible.whole());
+                spans = Some(own);
             }
             count += todo.count_ones();
             if todo & !(whole & kernels.plain) == 0 {
-                let plain = Plain { kernels, set: todo, corner, pixels };
+                let plain = Plain { kernels, set: todo, corner, pixels, segment: None };
                 opening.add_plain::<DEPTH>(simd, plain, policy, &mut opens[0][here.block]);
             } else {
                 opening.store(&mut runs.segments[0][here.block], &mut opens[0][here.block]);
@@ -244,7 +239,7 @@ impl Compositor<'_> {
                     simd,
                     #[inline(always)]
                     || {
-                        let batch = (kernels, todo, whole);
+                        let batch = (kernels, todo, spans.as_ref());
                         self.add_mixed::<S, O, DEPTH>(simd, (here, policy), batch, (cuts, opens, runs));
                     },
                 );
@@ -259,30 +254,74 @@ impl Compositor<'_> {
         (count, is_open)
     }
 
-    /// Adds kernels of which some are not plain, or not whole, in their order.
+    /// Adds kernels of which some are not plain, or not whole, to the segments of a block, in their order.
     #[inline(always)]
     fn add_mixed<S: Simd, O: Opening<S>, const DEPTH: bool>(
         &self,
         simd: S,
         (here, policy): (Here, O::Policy<'_>),
-        (kernels, mut todo, whole): (&Kernels, u64, u64),
+        (kernels, todo, spans): (&Kernels, u64, Option<&Spans>),
         (cuts, opens, runs): (&Cuts, &mut [Vec<O::Open>], &mut Runs),
     ) {
+        let layers = cuts.layers(here.block).map(Some).chain(std::iter::repeat(None));
+        let runs = runs.segments.iter_mut().zip(opens).take(cuts.block(here.block).segments);
+        let mut through = Through::all(simd);
+        let mut segment = Segment::before(simd, self.lens.near);
+        for (number, ((seen, open), cut)) in runs.zip(layers).enumerate() {
+            let (seen, open) = (&mut seen[here.block], &mut open[here.block]);
+            let to = cuts.depth(number, here.block).load(simd);
+            segment = segment.next(simd, to, (kernels, spans));
+            let set = todo & segment.touched();
+            if DEPTH {
+                through.tell(simd, seen);
+            }
+            if set != 0 {
+                let mut opening = O::load(simd, seen, open);
+                self.add_share::<S, O, DEPTH>(
+                    simd,
+                    (here, policy),
+                    (kernels, set, segment),
+                    (&mut opening, open),
+                );
+                opening.store(seen, open);
+            }
+            if DEPTH {
+                through = through.pass(simd, seen.opacity.load(simd), cut);
+            }
+        }
+    }
+
+    /// Adds what a segment has of kernels of any kind and form.
+    #[inline(always)]
+    fn add_share<S: Simd, O: Opening<S>, const DEPTH: bool>(
+        &self,
+        simd: S,
+        (here, policy): (Here, O::Policy<'_>),
+        (kernels, mut todo, segment): (&Kernels, u64, Segment<S>),
+        (opening, open): (&mut O, &mut O::Open),
+    ) {
         let (corner, pixels) = (here.tile.corner_pixel(here.block), here.pixels(simd));
-        let segments = cuts.block(here.block).segments;
-        let mut opening = O::load(simd, &runs.segments[0][here.block], &mut opens[0][here.block]);
-        while todo != 0 {
-            let open = &mut opens[0][here.block];
-            let plain = before(todo, todo & !(whole & kernels.plain));
-            opening.add_plain::<DEPTH>(simd, Plain { kernels, set: plain, corner, pixels }, policy, open);
-            todo ^= plain;
+        let mut plain = segment.whole() & kernels.plain;
+        if O::CUTS_PLAIN {
+            plain |= kernels.plain & !kernels.opacities;
+        }
+        loop {
+            let set = before(todo, todo & !plain);
+            let segment_of = Some(segment);
+            opening.add_plain::<DEPTH>(
+                simd,
+                Plain { kernels, set, corner, pixels, segment: segment_of },
+                policy,
+                open,
+            );
+            todo ^= set;
             if todo == 0 {
                 break;
             }
             let number = todo.trailing_zeros() as usize % BATCH;
             todo &= todo - 1;
-            let fragments = kernels.fragments(simd, number, pixels, (here.tile, &self.lens));
-            let Fragments { strength, depth, sigma_z } = fragments;
+            let Fragments { strength, depth, sigma_z } =
+                kernels.fragments(simd, number, pixels, (here.tile, &self.lens));
             let [alpha, optical_depth] = if kernels.is_opacity(number) {
                 [strength, optical_depth(simd, strength)]
             } else {
@@ -290,8 +329,7 @@ impl Compositor<'_> {
             };
             let ray_length = self.lens.ray_lengths(simd, pixels, here.tile);
             let distance = kernels.distance(simd, number, pixels, depth * ray_length);
-            let color = kernels.color(number);
-            let fragment = Fragment {
+            let mut fragment = Fragment {
                 kernels,
                 number,
                 corner,
@@ -301,59 +339,13 @@ impl Compositor<'_> {
                 sigma_z,
                 distance,
                 ray_length,
-                color,
+                color: kernels.color(number),
                 segment: None,
             };
-            if whole >> number & 1 != 0 {
-                opening.add::<DEPTH>(simd, fragment, policy, open);
-                continue;
+            if segment.whole() >> number & 1 == 0 {
+                segment.cut(simd, &mut fragment);
             }
-            let is_behind_near = kernels.whole >> number & 1 != 0;
-            let shares = Shares::new(simd, &fragments, (!is_behind_near).then_some(self.lens.near));
-            let own = shares.first(simd, cuts.depth(0, here.block).load(simd));
-            if own.is_any(simd) {
-                let mut fragment = fragment;
-                own.cut(simd, &mut fragment);
-                opening.add::<DEPTH>(simd, fragment, policy, open);
-            }
-            if segments > 1 {
-                let through =
-                    Through::all(simd).pass(simd, opening.seen().opacity, cuts.layers(here.block).next());
-                let rest = (fragment, shares.rest(&own), through);
-                self.add_rest::<S, O, DEPTH>(simd, (here, policy), rest, (cuts, opens, runs));
-            }
-        }
-        opening.store(&mut runs.segments[0][here.block], &mut opens[0][here.block]);
-    }
-
-    /// Shares what lies behind the first cut of a kernel of any kind and form out between the other runs of a block.
-    #[inline(always)]
-    fn add_rest<S: Simd, O: Opening<S>, const DEPTH: bool>(
-        &self,
-        simd: S,
-        (here, policy): (Here, O::Policy<'_>),
-        (fragment, mut shares, mut through): (Fragment<S>, Shares<S>, Through<S>),
-        (cuts, opens, runs): (&Cuts, &mut [Vec<O::Open>], &mut Runs),
-    ) {
-        let segments = cuts.block(here.block).segments;
-        let layers = cuts.layers(here.block).map(Some).chain(std::iter::repeat(None));
-        for ((segment, cut), opens) in (0..segments).zip(layers).zip(opens).skip(1) {
-            let own = shares.first(simd, cuts.depth(segment, here.block).load(simd));
-            let (seen, open) = (&mut runs.segments[segment][here.block], &mut opens[here.block]);
-            if own.is_any(simd) {
-                if DEPTH {
-                    through.tell(simd, seen);
-                }
-                let mut opening = O::load(simd, seen, open);
-                let mut fragment = fragment;
-                own.cut(simd, &mut fragment);
-                opening.add::<DEPTH>(simd, fragment, policy, open);
-                opening.store(seen, open);
-            }
-            if DEPTH {
-                through = through.pass(simd, seen.opacity.load(simd), cut);
-            }
-            shares = shares.rest(&own);
+            opening.add::<DEPTH>(simd, fragment, policy, open);
         }
     }
 }

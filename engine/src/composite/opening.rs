@@ -1,6 +1,7 @@
 //! What policies of closing have in common.
 
 use super::seen::{Seeing, Seen};
+use super::shares::{LEAST_SIGMA, Segment};
 use crate::raster::{BATCH, Kernels};
 use crate::simd::*;
 
@@ -10,6 +11,8 @@ pub(super) trait Opening<S: Simd>: Sized {
     type Open: Default;
     /// Whether anything does.
     const KEEPS_OPEN: bool;
+    /// Whether plain kernels may be cut.
+    const CUTS_PLAIN: bool;
     /// What is the same for all blocks.
     type Policy<'a>: Copy;
 
@@ -22,7 +25,7 @@ pub(super) trait Opening<S: Simd>: Sized {
     /// Without what is open.
     fn seen(&self) -> &Seeing<S>;
 
-    /// Adds a set of plain kernels, whole, in their order.
+    /// Adds a set of plain kernels in their order.
     fn add_plain<const DEPTH: bool>(
         &mut self,
         simd: S,
@@ -51,6 +54,8 @@ pub(super) struct Plain<'a, S: Simd> {
     pub(super) set: u64,
     pub(super) corner: [f32; 2],
     pub(super) pixels: [W<S>; 2],
+    /// Of which they may lie partly outside; `None`: all are whole.
+    pub(super) segment: Option<Segment<S>>,
 }
 
 impl<S: Simd> Plain<'_, S> {
@@ -60,6 +65,24 @@ impl<S: Simd> Plain<'_, S> {
         let number = self.set.trailing_zeros() as usize;
         self.set &= self.set.wrapping_sub(1);
         (number < BATCH).then_some(number)
+    }
+
+    /// The opacity of a kernel, and its z if that is asked for.
+    #[inline(always)]
+    pub(super) fn alpha_and_depth<const DEPTH: bool>(&self, simd: S, number: usize) -> [W<S>; 2] {
+        let Self { kernels, pixels, segment, .. } = self;
+        match segment.filter(|segment| segment.whole() >> number & 1 == 0) {
+            None => {
+                let alpha = kernels.plain_alpha(simd, number, *pixels, None);
+                [alpha, if DEPTH { kernels.depth_at(simd, number, *pixels) } else { alpha }]
+            }
+            Some(segment) => {
+                let depth = kernels.depth_at(simd, number, *pixels);
+                let inverse = 1.0 / kernels.sigma_z(number).max(LEAST_SIGMA);
+                let share = segment.share(simd, number, (depth, W::simd_from(simd, inverse)));
+                [kernels.plain_alpha(simd, number, *pixels, Some(share)), segment.nearest_to(depth)]
+            }
+        }
     }
 }
 

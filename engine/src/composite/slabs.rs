@@ -24,6 +24,7 @@ pub(super) struct Slabbed<S: Simd> {
 impl<S: Simd> Opening<S> for Slabbed<S> {
     type Open = OpenSlabs;
     const KEEPS_OPEN: bool = true;
+    const CUTS_PLAIN: bool = false;
     type Policy<'a> = &'a Closing;
 
     #[inline(always)]

@@ -60,6 +60,7 @@ struct Waiting<S: Simd> {
 impl<S: Simd> Opening<S> for Windowed<S> {
     type Open = Window;
     const KEEPS_OPEN: bool = true;
+    const CUTS_PLAIN: bool = true;
     type Policy<'a> = ();
 
     #[inline(always)]
@@ -79,11 +80,9 @@ impl<S: Simd> Opening<S> for Windowed<S> {
 
     #[inline(always)]
     fn add_plain<const DEPTH: bool>(&mut self, simd: S, mut plain: Plain<S>, (): (), window: &mut Window) {
-        let Plain { kernels, pixels, .. } = plain;
         while let Some(number) = plain.next() {
-            let alpha = kernels.plain_alpha(simd, number, pixels);
-            let depth = kernels.depth_at(simd, number, pixels);
-            self.insert::<DEPTH>(simd, (alpha, depth, kernels.color(number)), window);
+            let [alpha, depth] = plain.alpha_and_depth::<true>(simd, number);
+            self.insert::<DEPTH>(simd, (alpha, depth, plain.kernels.color(number)), window);
         }
     }
 

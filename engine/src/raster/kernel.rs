@@ -71,7 +71,7 @@ pub(crate) struct Kernels {
     pub(crate) slabs: SlabColumns,
     is_taylor: bool,
     /// Those of kind `Opacity`.
-    pub(super) opacities: u64,
+    pub(crate) opacities: u64,
     /// Those that lie wholly behind the near plane.
     pub(crate) whole: u64,
     /// Those that each block needs.
@@ -87,12 +87,28 @@ pub(crate) struct Fragments<S: Simd> {
     pub(crate) sigma_z: W<S>,
 }
 
-/// Sets of records by where they are in a block.
+/// Between which z the records of a batch lie in a block.
+pub(crate) struct Spans {
+    nearest: Column,
+    farthest: Column,
+}
+
+/// Sets of records by where they are from a segment of rays.
+#[derive(Clone, Copy, Default)]
 pub(crate) struct Places {
-    /// Behind a depth.
-    pub(crate) hidden: u64,
-    /// Wholly between two depths.
-    pub(crate) whole: u64,
+    /// Those that may lie in it.
+    pub(crate) touched: u64,
+    /// Those that lie wholly behind where it begins, and before where it ends.
+    pub(crate) behind_begin: u64,
+    pub(crate) before_end: u64,
+}
+
+impl Places {
+    /// Those that lie wholly in the segment.
+    #[inline(always)]
+    pub(crate) fn whole(&self) -> u64 {
+        self.behind_begin & self.before_end
+    }
 }
 
 impl Kernels {
@@ -195,16 +211,10 @@ impl Kernels {
         reach.store_slice(&mut self.reach[range]);
     }
 
-    /// Sets of records by where they are, with so many σ_z, in the block with a corner: hidden behind a depth, wholly between two
-    /// others.
+    /// Between which z records lie, with so many σ_z, in the block with a corner.
     #[inline(always)]
-    pub(crate) fn places_in<S: Simd>(
-        &self,
-        simd: S,
-        (corner, reach): ([f32; 2], f32),
-        [near, far, hidden]: [f32; 3],
-    ) -> Places {
-        let mut places = Places { hidden: 0, whole: 0 };
+    pub(crate) fn spans_in<S: Simd>(&self, simd: S, (corner, reach): ([f32; 2], f32)) -> Spans {
+        let (mut nearest, mut farthest) = ([0.0; BATCH], [0.0; BATCH]);
         for first in (0..BATCH).step_by(16) {
             let x = W::simd_from(simd, corner[0] + HALF_BLOCK) - sixteen(simd, &self.outlines.mean[0], first);
             let y = W::simd_from(simd, corner[1] + HALF_BLOCK) - sixteen(simd, &self.outlines.mean[1], first);
@@ -216,10 +226,35 @@ impl Kernels {
             let half =
                 sigma_z.mul_add(W::simd_from(simd, reach), (slope[0].abs() + slope[1].abs()) * HALF_BLOCK);
             let half = exact.select(sixteen(simd, &self.reach, first), half);
-            let (nearest, farthest) = (middle - half, middle + half);
-            let whole = nearest.simd_gt(W::simd_from(simd, near)) & farthest.simd_lt(W::simd_from(simd, far));
-            places.hidden |= nearest.simd_gt(W::simd_from(simd, hidden)).to_bitmask() << first;
-            places.whole |= whole.to_bitmask() << first;
+            (middle - half).store_slice(&mut nearest[first..first + 16]);
+            (middle + half).store_slice(&mut farthest[first..first + 16]);
+        }
+        Spans { nearest, farthest }
+    }
+
+    /// Where records are from a segment that begins, and ends, between two depths; without their spans, from one that goes on from
+    /// the near plane without an end.
+    #[inline(always)]
+    pub(crate) fn places<S: Simd>(
+        &self,
+        simd: S,
+        spans: Option<&Spans>,
+        [begin, end]: [[f32; 2]; 2],
+    ) -> Places {
+        let Some(Spans { nearest, farthest }) = spans else {
+            return Places { touched: u64::MAX, behind_begin: self.whole, before_end: u64::MAX };
+        };
+        let mut places = Places::default();
+        for first in (0..BATCH).step_by(16) {
+            let (nearest, farthest) = (sixteen(simd, nearest, first), sixteen(simd, farthest, first));
+            // Where one of them is none, nothing is known.
+            let beside =
+                nearest.simd_gt(W::simd_from(simd, end[1])) | farthest.simd_lt(W::simd_from(simd, begin[0]));
+            let behind_begin = nearest.simd_gt(W::simd_from(simd, begin[1]));
+            let before_end = farthest.simd_lt(W::simd_from(simd, end[0]));
+            places.touched |= (!beside).to_bitmask() << first;
+            places.behind_begin |= behind_begin.to_bitmask() << first;
+            places.before_end |= before_end.to_bitmask() << first;
         }
         places
     }
@@ -253,21 +288,36 @@ impl Kernels {
         }
     }
 
-    /// The opacity of a whole kernel, one that is plain, at pixels.
+    /// The opacity of a kernel that is plain at pixels; or of a share of it, of an optical depth.
     #[inline(always)]
-    pub(crate) fn plain_alpha<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
+    pub(crate) fn plain_alpha<S: Simd>(
+        &self,
+        simd: S,
+        number: usize,
+        pixels: [W<S>; 2],
+        share: Option<W<S>>,
+    ) -> W<S> {
         let offsets = self.outlines.offsets(simd, number, pixels);
         let exponent = if !self.outlines.is_exact(number) {
             offsets.exponent
         } else {
             Exact::new(simd, &offsets, &self.outlines.plane(number)).exponent
         };
-        let w = self.weight(simd, number, exponent);
+        let mut w = self.weight(simd, number, exponent);
+        if let Some(share) = share {
+            w *= share;
+        }
         let [first, second, third] = self.alpha.each_ref().each(
             #[inline(always)]
             |column| W::simd_from(simd, column[number]),
         );
         w * w.mul_add(w.mul_add(third, second), first)
+    }
+
+    /// σ_z of a kernel in the affine form.
+    #[inline(always)]
+    pub(crate) fn sigma_z(&self, number: usize) -> f32 {
+        self.outlines.sigma_z[number]
     }
 
     /// The optical depth of a plain kernel at pixels, where sums are of optical depths.

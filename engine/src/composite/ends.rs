@@ -1,0 +1,202 @@
+//! Where lists end: they come in the order of centres, so that behind a tile's cuts a point comes from which on all kernels lie
+//! behind them.
+
+use super::Compositor;
+use super::coming::Coming;
+use crate::camera::Projection;
+use crate::closing::Closing;
+use crate::cull::VisibleRange;
+use crate::cuts::Cuts;
+use crate::footprint::Record;
+use crate::raster::KERNEL_REACH;
+use crate::scene::RenderSettings;
+use crate::simd::*;
+use crate::tile::{MAX_BLOCKS, Tile};
+use glam::DVec2;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+/// Centres are as many times as far away, along z, as their kernels reach, or nothing is said of where kernels begin.
+const FAR: f64 = 10.0;
+
+/// How much nearer than the point where a ray has the distance of their centre kernels that meet it begin, along z, at most.
+///
+/// Let R be how far a kernel reaches with its filter, √c σ, z ≥ 10R its centre's depth, v and w the lengths of the centre's ray
+/// and of another one that meets it, of those with z = 1.
+/// - An affine footprint is no wider than R v/z at a depth of 1, so that |v − w| ≤ R v/z, and z ≥ (1 − R/z) zv/w ≥ zv/w − 10/9 R.
+/// - The ellipsoid itself lies within an angle of asin R'/(zv) of the centre's ray, where R' leaves the filter out: z is no less than
+///   (zv cos − R' sin)/w ≥ zv/w − R'/10 − R'; the filter moves rays by R″/z, so by 10/9 R″. Together, R' and R″ being legs of R,
+///   z ≥ zv/w − 5/3 R.
+///
+/// Before the centre it reaches on by √c of what its slope adds to its spread and 5σ_z, together by √(c + 25) σ.
+pub(crate) fn lead(ranges: &[VisibleRange], settings: &RenderSettings, projection: Projection) -> f32 {
+    let reach = ranges.iter().map(|range| range.reach - range.radius).fold(0.0, f64::max);
+    let nearest = |range: &VisibleRange| range.center_in_camera.z - range.radius;
+    let is_far = |range| projection == Projection::Orthographic || nearest(range) >= FAR * reach;
+    if !ranges.iter().all(is_far) {
+        return f32::INFINITY;
+    }
+    let farthest = ranges.iter().map(|range| f64::from(range.distances[1]).abs()).fold(0.0, f64::max);
+    let before_center = (1.0 + KERNEL_REACH * KERNEL_REACH / settings.farthest_end()).sqrt();
+    // Distances in lists are equal that agree to 2⁻¹⁶.
+    ((5.0 / 3.0 + before_center) * reach + 1e-4 * farthest) as f32
+}
+
+impl Compositor<'_> {
+    /// For each block of a tile the distance of centres from which on kernels lie behind all its cuts.
+    pub(super) fn hidden_from(&self, tile: Tile, cuts: &Cuts) -> [f32; MAX_BLOCKS] {
+        let longest_ray = self.longest_ray(tile);
+        std::array::from_fn(|block| (cuts.block(block).hidden + self.lead) * longest_ray)
+    }
+
+    /// Of those through a tile, with z = 1.
+    fn longest_ray(&self, tile: Tile) -> f32 {
+        let corner = |x: usize, y: usize| {
+            let pixel = [tile.origin[0] + x * tile.side, tile.origin[1] + y * tile.side];
+            self.lens.lens.ray(DVec2::from_array(pixel.map(|p| p as f64))).length() as f32
+        };
+        corner(0, 0).max(corner(1, 0)).max(corner(0, 1)).max(corner(1, 1))
+    }
+
+    /// The blocks that may see something of what comes.
+    #[inline(always)]
+    pub(super) fn seeing<S: Simd>(
+        &self,
+        simd: S,
+        (list, coming): (&[AtomicU32], &Coming),
+        hidden_from: &[f32; MAX_BLOCKS],
+    ) -> u64 {
+        let Some(next) = list.first().filter(|_| !coming.has_pieces()) else { return u64::MAX };
+        let distance = W::simd_from(simd, self.distance(next.load(Relaxed)));
+        (0..MAX_BLOCKS).step_by(16).fold(0, |set, first| {
+            let is_hidden = distance.simd_gt(W::from_slice(simd, &hidden_from[first..first + 16]));
+            set | (!is_hidden).to_bitmask() << first
+        })
+    }
+
+    /// The least distance of the centres of a record and of those behind it in its list.
+    fn distance(&self, record: u32) -> f32 {
+        let record = &self.records[record as usize];
+        match &self.lens.closing {
+            Closing::Slabs(slabs) => slabs.begin(record.amplitude_slope_or_slabs[0] as u32),
+            Closing::Sheets(_) => f32::NEG_INFINITY,
+            Closing::Centers | Closing::PerPixel => self.center_distance(record),
+        }
+    }
+
+    /// The least distance of a kernel that comes after a record whatever else is listed.
+    pub(super) fn reach(&self, record: u32) -> f32 {
+        let record = &self.records[record as usize];
+        match &self.lens.closing {
+            Closing::Slabs(slabs) => slabs.begin(record.amplitude_slope_or_slabs[0] as u32 + 1),
+            Closing::Sheets(_) => f32::INFINITY,
+            Closing::Centers | Closing::PerPixel => self.center_distance(record),
+        }
+    }
+
+    fn center_distance(&self, record: &Record) -> f32 {
+        let lens = &self.lens.lens;
+        let mean = DVec2::from_array(record.mean.map(f64::from));
+        match lens.projection {
+            Projection::Perspective => lens.position(mean, f64::from(record.depth)).length() as f32,
+            Projection::Orthographic => record.depth,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::{Camera, Pose};
+    use crate::cloud::{Cloud, Material, Shapes, Splats, Strength};
+    use crate::cull::find_affordable;
+    use crate::footprint::{Lens, Records, SceneView};
+    use crate::raster::{KernelLens, Kernels};
+    use crate::scene::{FootprintForm, Scene};
+    use crate::shade::Shader;
+    use crate::tile::pixels;
+    use glam::{DVec3, Mat3, Quat, Vec3};
+    use proptest::prelude::*;
+
+    const SIZE: [u32; 2] = [96, 64];
+    const SIDE: usize = 16;
+
+    /// A kernel before a camera that looks along z.
+    fn kernel(center: Vec3, axes: Vec3, turn: Vec3) -> Scene {
+        let factor = Mat3::from_quat(Quat::from_scaled_axis(turn)) * Mat3::from_diagonal(axes);
+        let splats = Splats {
+            centers: vec![center],
+            shapes: Shapes::Shared(factor),
+            strength: Strength::Extinction { masses: vec![axes.element_product() / axes.max_element()] },
+            colors: vec![[0.5; 3]],
+            harmonics: None,
+            normals: None,
+            material: Material::default(),
+        };
+        Scene { clouds: vec![Cloud::new(splats).unwrap()], lights: Vec::new() }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 4096, failure_persistence: None, ..ProptestConfig::default() })]
+
+        /// No kernel that shows in a tile begins nearer than is said, in any form, at wide angles.
+        #[test]
+        fn kernels_begin_behind_their_lead(
+            place in prop::array::uniform2(-1.3..1.3f64),
+            (log_size, log_axes) in (-3.0..0.0f64, prop::array::uniform3(-4.0..0.0f32)),
+            turn in prop::array::uniform3(-3.0..3.0f32),
+            form in prop::sample::select(vec![FootprintForm::Point, FootprintForm::Affine, FootprintForm::Exact]),
+            (angle, cutoff) in (0.5..2.2f64, prop::sample::select(vec![6.25, 9.0, 12.25])),
+        ) {
+            let pose = Pose::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y).unwrap();
+            let camera = Camera::perspective(pose, angle, SIZE).unwrap();
+            let settings = RenderSettings { footprint: form, cutoff, ..RenderSettings::default() };
+            let lens = Lens::new(&camera, settings.low_pass);
+            // A tenth of the depth is the largest that anything is said of.
+            let z = 5.0;
+            let size = log_size.exp() * z / FAR / settings.farthest_end().sqrt();
+            let across = DVec2::from(place) * DVec2::from(SIZE.map(f64::from)) * 0.5 / lens.focal;
+            let center = pose.world_to_camera.inverse().transform_point3(across.extend(1.0) * z);
+            let axes = Vec3::from(log_axes.map(|log| (log - log_axes.into_iter().fold(f32::MIN, f32::max)).exp()));
+            let scene = kernel(center.as_vec3(), axes * size as f32, Vec3::from(turn));
+            let mut visible = Vec::new();
+            find_affordable(&scene, &camera, &settings, &mut visible);
+            let lead = lead(&visible, &settings, Projection::Perspective);
+            if visible.is_empty() || lead == f32::INFINITY {
+                return Ok(());
+            }
+            let shaders = [Shader::new(&scene, &camera, Material::default())];
+            let closing = Closing::Centers;
+            let level = Level::Baseline;
+            let view = SceneView { scene: &scene, camera: &camera, settings: &settings, shaders: &shaders, closing, level };
+            let mut records = Records::default();
+            records.append(&view, &visible, &[0]);
+            let count = records.len();
+            let lens = KernelLens {
+                lens,
+                near: camera.near() as f32,
+                cutoff: cutoff as f32,
+                least_alpha: settings.least_opacity() as f32,
+                closing,
+                is_taylor: false,
+                reach_to_cuts: 4.0,
+            };
+            let compositor = Compositor { records: &records.records, rects: &records.rects, lens, spent: 0.0, lead, keeps_depth: false };
+            for [column, row] in (0..24).map(|i| [i % 6, i / 6]) {
+                let tile = Tile::new([column, row], SIDE, SIZE.map(|length| length as usize));
+                // Cuts so far away that they would end the list before it.
+                let hidden = compositor.distance(0) / compositor.longest_ray(tile) - lead;
+                let mut kernels = Kernels::NONE;
+                let shows = dispatch!(level, simd => {
+                    let list = records.records[..count].iter();
+                    kernels.fill(simd, (tile, &compositor.lens, hidden), list, |i| &records.rects[i]);
+                    tile.visible_blocks().filter(|block| kernels.masks.of(*block) != 0).any(|block| {
+                        let pixels = pixels(simd, tile.corner_pixel(block));
+                        let fragments = kernels.fragments(simd, 0, pixels, (tile, &compositor.lens));
+                        fragments.strength.simd_gt(W::simd_from(simd, 0.0)).any_true()
+                    })
+                });
+                prop_assert!(!shows, "before {hidden}, in the tile {column}, {row}");
+            }
+        }
+    }
+}
