@@ -18,14 +18,15 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 /// Centres are as many times as far away, along z, as their kernels reach, or nothing is said of where kernels begin.
 const FAR: f64 = 10.0;
 
-/// How much nearer than the point where a ray has the distance of their centre kernels that meet it begin, along z, at most.
+/// How much nearer than the point where a ray has the distance of their centre kernels that meet it begin, along z, at most; ∞
+/// where some are nearer than that holds.
 ///
-/// Let R be how far a kernel reaches with its filter, √c σ, z ≥ 10R its centre's depth, v and w the lengths of the centre's ray
-/// and of another one that meets it, of those with z = 1.
-/// - An affine footprint is no wider than R v/z at a depth of 1, so that |v − w| ≤ R v/z, and z ≥ (1 − R/z) zv/w ≥ zv/w − 10/9 R.
-/// - The ellipsoid itself lies within an angle of asin R'/(zv) of the centre's ray, where R' leaves the filter out: z is no less than
-///   (zv cos − R' sin)/w ≥ zv/w − R'/10 − R'; the filter moves rays by R″/z, so by 10/9 R″. Together, R' and R″ being legs of R,
-///   z ≥ zv/w − 5/3 R.
+/// Let R be how far a kernel reaches with its filter, √c √(σ² + h²), z ≥ 10R its centre's depth, v and w the lengths of the centre's
+/// ray and of another one that meets it, of those with z = 1; D = zv is the centre's distance.
+/// - An affine footprint is no wider than R v/z at a depth of 1, so that |v − w| ≤ R v/z, and z ≥ (1 − R/z) D/w; with D/w ≤ 10/9 z
+///   that is at least D/w − 10/9 R.
+/// - In the exact form the ray meets the filtered ellipsoid, in a sphere of radius R, at an angle θ from the centre's ray with
+///   sin θ ≤ R/D. With α its own angle to the axis, cos α = 1/w, z ≥ D cos(α + θ) ≥ D/w cos θ − R sin α ≥ D/w − R/10 − R.
 ///
 /// Before the centre it reaches on by √c of what its slope adds to its spread and 5σ_z, together by √(c + 25) σ.
 pub(crate) fn lead(ranges: &[VisibleRange], settings: &RenderSettings, projection: Projection) -> f32 {
@@ -35,10 +36,11 @@ pub(crate) fn lead(ranges: &[VisibleRange], settings: &RenderSettings, projectio
     if !ranges.iter().all(is_far) {
         return f32::INFINITY;
     }
-    let farthest = ranges.iter().map(|range| f64::from(range.distances[1]).abs()).fold(0.0, f64::max);
+    let distances = ranges.iter().flat_map(|range| range.distances.map(|d| f64::from(d).abs()));
+    let farthest = distances.fold(0.0, f64::max);
     let before_center = (1.0 + KERNEL_REACH * KERNEL_REACH / settings.farthest_end()).sqrt();
-    // Distances in lists are equal that agree to 2⁻¹⁶.
-    ((5.0 / 3.0 + before_center) * reach + 1e-4 * farthest) as f32
+    // Distances in lists are equal that agree to 2⁻¹⁶ of their range.
+    ((10.0 / 9.0 + before_center) * reach + 1e-4 * farthest) as f32
 }
 
 impl Compositor<'_> {

@@ -223,9 +223,8 @@ impl Compositor<'_> {
                     #[inline(always)]
                     || kernels.spans_in(simd, (corner, self.lens.reach_to_cuts)),
                 );
-                let near = [self.lens.near; 2];
-                let ends = [near, [own_cuts.nearest, own_cuts.hidden]];
-                let visible = kernels.places(simd, Some(&own), ends);
+                let end = [own_cuts.nearest, own_cuts.hidden];
+                let visible = kernels.places(simd, Some(&own), (None, end));
                 (todo, whole) = (todo & visible.touched, visible.whole());
                 spans = Some(own);
             }
@@ -266,11 +265,12 @@ impl Compositor<'_> {
         let layers = cuts.layers(here.block).map(Some).chain(std::iter::repeat(None));
         let runs = runs.segments.iter_mut().zip(opens).take(cuts.block(here.block).segments);
         let mut through = Through::all(simd);
-        let mut segment = Segment::before(simd, self.lens.near);
+        let mut before = None;
         for (number, ((seen, open), cut)) in runs.zip(layers).enumerate() {
             let (seen, open) = (&mut seen[here.block], &mut open[here.block]);
             let to = cuts.depth(number, here.block).load(simd);
-            segment = segment.next(simd, to, (kernels, spans));
+            let segment = Segment::behind(simd, (before, self.lens.near), to, (kernels, spans));
+            before = Some(segment);
             let set = todo & segment.touched();
             if DEPTH {
                 through.tell(simd, seen);
@@ -301,19 +301,14 @@ impl Compositor<'_> {
         (opening, open): (&mut O, &mut O::Open),
     ) {
         let (corner, pixels) = (here.tile.corner_pixel(here.block), here.pixels(simd));
-        let mut plain = segment.whole() & kernels.plain;
+        let mut plain_here = segment.whole() & kernels.plain;
         if O::CUTS_PLAIN {
-            plain |= kernels.plain & !kernels.opacities;
+            plain_here |= kernels.plain_media();
         }
         loop {
-            let set = before(todo, todo & !plain);
-            let segment_of = Some(segment);
-            opening.add_plain::<DEPTH>(
-                simd,
-                Plain { kernels, set, corner, pixels, segment: segment_of },
-                policy,
-                open,
-            );
+            let set = before(todo, todo & !plain_here);
+            let plain = Plain { kernels, set, corner, pixels, segment: Some(segment) };
+            opening.add_plain::<DEPTH>(simd, plain, policy, open);
             todo ^= set;
             if todo == 0 {
                 break;

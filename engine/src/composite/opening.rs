@@ -11,7 +11,7 @@ pub(super) trait Opening<S: Simd>: Sized {
     type Open: Default;
     /// Whether anything does.
     const KEEPS_OPEN: bool;
-    /// Whether plain kernels may be cut.
+    /// Whether plain kernels may be cut, if they are of those whose shares are shares of w; else they are whole.
     const CUTS_PLAIN: bool;
     /// What is the same for all blocks.
     type Policy<'a>: Copy;
@@ -101,17 +101,18 @@ pub(super) struct Fragment<'a, S: Simd> {
     /// Of rays with z = 1.
     pub(super) ray_length: W<S>,
     pub(super) color: [f32; 3],
-    /// z where its segment begins and ends, of a share.
-    pub(super) segment: Option<[W<S>; 2]>,
+    /// Of a share.
+    pub(super) segment: Option<Segment<S>>,
 }
 
 impl<S: Simd> Fragment<'_, S> {
     /// z, within its segment.
     #[inline(always)]
     pub(super) fn depth_inside(&self) -> W<S> {
-        match self.segment {
-            Some([from, to]) => self.depth.max(from).min(to),
-            None => self.depth,
-        }
+        self.segment.map_or(
+            self.depth,
+            #[inline(always)]
+            |segment| segment.nearest_to(self.depth),
+        )
     }
 }

@@ -34,7 +34,8 @@ impl Seen {
 /// The runs of a tile: for each segment between cuts, near to far, its blocks.
 pub(crate) struct Runs {
     pub(super) segments: Vec<Vec<Seen>>,
-    /// The distance from which on kernels make no difference, for nothing is seen through those before; ∞ if there is none.
+    /// The distance from which on kernels make no difference, for nothing is seen through those before or they lie behind cuts; ∞ if
+    /// there is none.
     pub(crate) reached: f32,
 }
 

@@ -8,28 +8,32 @@ use crate::simd::*;
 #[derive(Clone, Copy)]
 pub(super) struct Segment<S: Simd> {
     /// z where it begins and ends; no infinity, which times 0 would be none.
-    from: W<S>,
-    to: W<S>,
+    pub(super) from: W<S>,
+    pub(super) to: W<S>,
     places: Places,
 }
 
 impl<S: Simd> Segment<S> {
-    /// Nothing yet: what ends where the next one begins.
+    /// What lies behind another one, or behind the near plane, until a depth; where kernels are from there, if cuts are near, their
+    /// spans say.
     #[inline(always)]
-    pub(super) fn before(simd: S, near: f32) -> Self {
-        let near = W::simd_from(simd, near);
-        Self { from: near, to: near, places: Places::default() }
-    }
-
-    /// What follows until a depth; where kernels are from there, if cuts are near, their spans say.
-    #[inline(always)]
-    pub(super) fn next(self, simd: S, to: W<S>, (kernels, spans): (&Kernels, Option<&Spans>)) -> Self {
-        let (from, to) = (self.to, to.min(W::simd_from(simd, 1e30)));
-        let ends = [from, to].each(
-            #[inline(always)]
-            |end| [end.reduce_min(), end.reduce_max()],
-        );
-        Self { from, to, places: kernels.places(simd, spans, ends) }
+    pub(super) fn behind(
+        simd: S,
+        (before, near): (Option<Self>, f32),
+        to: W<S>,
+        (kernels, spans): (&Kernels, Option<&Spans>),
+    ) -> Self {
+        let to = to.min(W::simd_from(simd, 1e30));
+        let from = match before {
+            Some(before) => before.to,
+            None => W::simd_from(simd, near),
+        };
+        // Rays that have nothing of it touch nothing, but no kernel lies wholly in it.
+        let is_there = from.simd_lt(to);
+        let infinity = W::simd_from(simd, f32::INFINITY);
+        let begin = [is_there.select(from, infinity).reduce_min(), from.reduce_max()];
+        let end = [to.reduce_min(), is_there.select(to, -infinity).reduce_max()];
+        Self { from, to, places: kernels.places(simd, spans, (before.is_some().then_some(begin), end)) }
     }
 
     /// Kernels that may have a share of it.
@@ -70,7 +74,7 @@ impl<S: Simd> Segment<S> {
         let inverse = reciprocal(simd, sigma_z.max(W::simd_from(simd, LEAST_SIGMA)));
         fragment.optical_depth = optical_depth * self.share(simd, number, (depth, inverse));
         fragment.alpha = kernels.opacity(simd, number, fragment.optical_depth);
-        fragment.segment = Some([self.from, self.to]);
+        fragment.segment = Some(*self);
     }
 }
 

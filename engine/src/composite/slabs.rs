@@ -98,7 +98,7 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
         };
         let segment = fragment.segment.map(
             #[inline(always)]
-            |[from, to]| [from * ray_length, to * ray_length],
+            |segment| [segment.from * ray_length, segment.to * ray_length],
         );
         let inverse = kernels.inverse_spread(simd, number, (slabs, sigma_z * ray_length));
         let matter = Matter { optical_depth, depth, distance, inverse, segment };

@@ -113,15 +113,19 @@ impl<S: Simd> Windowed<S> {
         (alpha, depth, color): (W<S>, W<S>, [f32; 3]),
         window: &mut Window,
     ) {
+        let zero = W::simd_from(simd, 0.0);
+        let is_there = alpha.simd_gt(zero);
+        // What is nowhere must not push another one out.
+        if !is_there.any_true() {
+            return;
+        }
         let nearest = window.nearest;
         let leaving = Waiting::load(simd, &window.slots[nearest]);
         self.show::<DEPTH>(simd, &leaving);
         window.nearest = (nearest + 1) % WINDOW;
-        let zero = W::simd_from(simd, 0.0);
         let passed = window.passed.load(simd);
         let passed = leaving.alpha.simd_gt(zero).select(leaving.depth.max(passed), passed);
         window.passed.store(passed);
-        let is_there = alpha.simd_gt(zero);
         window.late += u64::from((is_there & depth.simd_lt(passed)).to_bitmask().count_ones());
         // Where there is nothing it comes last, and lets what comes next behind it.
         let last = window.slots[(nearest + WINDOW - 1) % WINDOW].depth.load(simd);

@@ -57,7 +57,7 @@ impl Looked {
         self.counts[1]
     }
 
-    /// Says how far a tile was looked into, which one thread does; `reached` is the distance of the last kernel that it needed.
+    /// Says how far a tile was looked into, which one thread does; from the distance `reached` on it needed no kernel.
     pub(crate) fn store(&self, tile: Tile, cuts: &Cuts, reached: f32) {
         let place = tile.origin[1] / self.side * self.columns[1] + tile.origin[0] / self.side;
         self.kernels[place][0].store(cuts.hidden().to_bits(), Relaxed);

@@ -71,7 +71,7 @@ pub(crate) struct Kernels {
     pub(crate) slabs: SlabColumns,
     is_taylor: bool,
     /// Those of kind `Opacity`.
-    pub(crate) opacities: u64,
+    pub(super) opacities: u64,
     /// Those that lie wholly behind the near plane.
     pub(crate) whole: u64,
     /// Those that each block needs.
@@ -232,29 +232,35 @@ impl Kernels {
         Spans { nearest, farthest }
     }
 
-    /// Where records are from a segment that begins, and ends, between two depths; without their spans, from one that goes on from
-    /// the near plane without an end.
+    /// Where records are from a segment that begins, and ends, between two depths; the first one begins at the near plane. Without
+    /// spans there is only that, without an end.
     #[inline(always)]
     pub(crate) fn places<S: Simd>(
         &self,
         simd: S,
         spans: Option<&Spans>,
-        [begin, end]: [[f32; 2]; 2],
+        (begin, end): (Option<[f32; 2]>, [f32; 2]),
     ) -> Places {
         let Some(Spans { nearest, farthest }) = spans else {
+            debug_assert!(begin.is_none(), "where there are cuts there are spans");
             return Places { touched: u64::MAX, behind_begin: self.whole, before_end: u64::MAX };
         };
+        // Behind the near plane lies what does so in every block.
+        let [from, all_from] = begin.unwrap_or([f32::NEG_INFINITY; 2]);
         let mut places = Places::default();
         for first in (0..BATCH).step_by(16) {
             let (nearest, farthest) = (sixteen(simd, nearest, first), sixteen(simd, farthest, first));
             // Where one of them is none, nothing is known.
             let beside =
-                nearest.simd_gt(W::simd_from(simd, end[1])) | farthest.simd_lt(W::simd_from(simd, begin[0]));
-            let behind_begin = nearest.simd_gt(W::simd_from(simd, begin[1]));
+                nearest.simd_gt(W::simd_from(simd, end[1])) | farthest.simd_lt(W::simd_from(simd, from));
+            let behind_begin = nearest.simd_gt(W::simd_from(simd, all_from));
             let before_end = farthest.simd_lt(W::simd_from(simd, end[0]));
             places.touched |= (!beside).to_bitmask() << first;
             places.behind_begin |= behind_begin.to_bitmask() << first;
             places.before_end |= before_end.to_bitmask() << first;
+        }
+        if begin.is_none() {
+            places.behind_begin = self.whole;
         }
         places
     }
@@ -268,6 +274,13 @@ impl Kernels {
     #[inline(always)]
     pub(crate) fn color(&self, number: usize) -> [f32; 3] {
         [self.color[0][number], self.color[1][number], self.color[2][number]]
+    }
+
+    /// Plain kernels of which a share is the same share of w: those of optical depths, unless these are taken for opacities, which
+    /// end at 1.
+    #[inline(always)]
+    pub(crate) fn plain_media(&self) -> u64 {
+        if self.is_taylor { 0 } else { self.plain & !self.opacities }
     }
 
     /// Whether strengths are opacities.

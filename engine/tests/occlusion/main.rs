@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
 
+mod ends;
 mod mixed;
 mod random;
 #[path = "../scenes/mod.rs"]
