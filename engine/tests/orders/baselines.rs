@@ -1,6 +1,6 @@
 //! Ways that others go, and by how much they are behind; what an order refuses and counts.
 
-use super::scenes::{camera, kernels, looking_from};
+use super::scenes::{camera, kernels, looking_from, plane};
 use super::*;
 use oblate_engine::{Baseline, Counts, Observer, Pose, SceneError, render};
 use std::sync::Mutex;
@@ -36,6 +36,24 @@ fn taylors_opacity_is_that_of_exact_footprints_too() {
     let settings = nothing_but(Order::Centers);
     let [ours, taylors] = errors(&haze(14, 0.16, 10.0), &camera, &settings, Baseline::Taylor);
     assert!(taylors > 1.2 * ours, "{taylors} {ours}");
+}
+
+/// Half of an optical depth of 100 is 50, of which Taylor's opacity is 1 as of the whole: nothing of the sheet shows. Rounding alone.
+#[test]
+fn taylors_opacity_of_a_share_is_that_of_its_optical_depth() {
+    let sigma = 0.3;
+    let mass = 100.0 * std::f32::consts::TAU * sigma * sigma;
+    let dense = kernels(vec![Vec3::ZERO], Mat3::from_diagonal(Vec3::splat(sigma)), mass, [0.2, 0.6, 0.9]);
+    for order in [Order::Centers, Order::PerPixel] {
+        for footprint in [FootprintForm::Affine, FootprintForm::Exact] {
+            let settings = RenderSettings { footprint, baseline: Some(Baseline::Taylor), ..ordered(order) };
+            let frame =
+                draw(vec![dense.clone(), plane(100, 0.05, [1.0, 0.5, 0.0])], &camera(5.0, 33), &settings);
+            let found = frame.color[16 * 33 + 16];
+            let off = found.iter().zip([0.2, 0.6, 0.9, 1.0]).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(off < 1e-5, "{order:?}, {footprint:?}: {found:?}");
+        }
+    }
 }
 
 #[test]

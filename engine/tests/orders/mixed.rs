@@ -1,6 +1,6 @@
 //! Surfaces, volumes and splats in one another, each scene within a level of R1 but for one-pixel edges.
 
-use super::scenes::{looking_from, plane, smooth, sphere, tilted};
+use super::scenes::{camera, kernels, looking_from, plane, smooth, sphere, tilted};
 use super::*;
 use oblate_engine::Pose;
 
@@ -80,4 +80,27 @@ fn the_camera_inside_all() {
         &[haze(13, 0.19, 0.6), ball, moved(&other, 0.3, 0.0, -0.2), trained()],
         &camera,
     );
+}
+
+/// Before the near plane but for Φ(−3.2) of an optical depth of a thousand: a sheet far behind changes nothing of what shows.
+/// They differ by rounding alone.
+#[test]
+fn what_the_near_plane_leaves_is_the_same_before_a_sheet() {
+    let (sigma, near) = (0.3, 4.0);
+    let mass = 1000.0 * std::f32::consts::TAU * sigma * sigma;
+    let center = Vec3::new(0.0, 0.0, near - 3.2 * sigma - 5.0);
+    let dense = kernels(vec![center], Mat3::from_diagonal(Vec3::splat(sigma)), mass, [0.2, 0.6, 0.9]);
+    let camera = camera(5.0, 33).with_near(f64::from(near)).unwrap();
+    let sheet = moved(&plane(100, 0.1, [1.0, 0.5, 0.0]), 0.0, 0.0, 2.0);
+    for order in [Order::Centers, Order::PerPixel] {
+        let settings = RenderSettings { footprint: FootprintForm::Affine, ..ordered(order) };
+        let picture = |clouds| draw(clouds, &camera, &settings).color[16 * 33 + 16];
+        let [alone, sheet_alone, both] =
+            [vec![dense.clone()], vec![sheet.clone()], vec![dense.clone(), sheet.clone()]].map(picture);
+        assert!((0.4..0.6).contains(&alone[3]), "{order:?}: {alone:?}");
+        for channel in 0..4 {
+            let expected = alone[channel] + (1.0 - alone[3]) * sheet_alone[channel];
+            assert!((both[channel] - expected).abs() < 1e-5, "{order:?}: {both:?} over {alone:?}");
+        }
+    }
 }
