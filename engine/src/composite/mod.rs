@@ -129,12 +129,13 @@ impl Compositor<'_> {
         let mut list = list.iter();
         let mut open: u64 = tile.visible_blocks().map(|block| 1 << block).sum();
         let hidden_from = self.hidden_from(tile, cuts);
+        let mut seeing = self.seeing(simd, (list.as_slice(), coming), &hidden_from);
         let mut count = 0;
         while open != 0 {
-            open &= self.seeing(simd, (list.as_slice(), coming), &hidden_from);
-            let (mut used, mut seeing) = (0, open);
+            open &= seeing;
+            let mut used = 0;
             while used < GROUP
-                && seeing != 0
+                && open & seeing != 0
                 && coming.gather(&mut list, (self.records, self.lens.closing), &mut batches[used].slabs)
             {
                 apart(
@@ -143,7 +144,7 @@ impl Compositor<'_> {
                     || self.fetch(simd, (tile, &coming.records), cuts, &mut batches[used]),
                 );
                 used += 1;
-                seeing &= self.seeing(simd, (list.as_slice(), coming), &hidden_from);
+                seeing = self.seeing(simd, (list.as_slice(), coming), &hidden_from);
             }
             if used == 0 {
                 break;
