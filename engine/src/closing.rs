@@ -40,6 +40,8 @@ pub(crate) struct Slabs {
     lens: Lens,
     /// What slabs add to the variance of kernels, in units of d².
     added: f32,
+    /// See [`Self::are_level`].
+    level: f32,
 }
 
 /// Sheets of a grid, by the centres of kernels in camera space: number p·normal + offset, rounded down.
@@ -110,6 +112,9 @@ pub(crate) fn share_of_box<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
     x.mul_add(F::simd_from(simd, 1.0 / BOX), half).max(zero).min(one)
 }
 
+/// See [`Slabs::are_level`]; in tolerances.
+const LEVEL: f32 = 2.5;
+
 /// Slabs go by the clouds with the smallest kernels, down to this share of the largest: a kernel that touches ten thousand slabs
 /// would take as long as a thousand that touch one or two each.
 const LARGEST_RATIO: f64 = 1024.0;
@@ -152,12 +157,21 @@ impl Closing {
             near: camera.near(),
             thickness: (thickness * sigma).max(depth / f64::from(LAST_SLAB)),
             added: if is_corrected { 1.0 / 6.0 } else { 0.0 },
+            level: LEVEL * settings.tolerance as f32,
         }))
     }
 
     /// Whether records need the numbers of their slabs.
     pub(crate) fn has_slabs(self) -> bool {
         matches!(self, Self::Slabs(_) | Self::Sheets(_))
+    }
+
+    /// The same for a picture of every second pixel, or of still fewer.
+    pub(crate) fn of_every(self, step: usize) -> Self {
+        match self {
+            Self::Slabs(slabs) => Self::Slabs(Slabs { lens: slabs.lens.of_every(step), ..slabs }),
+            other => other,
+        }
     }
 
     /// Of slabs; 0 of sheets.
@@ -278,6 +292,16 @@ impl Slabs {
         (is_box & all.simd_le(most)).select(all.min(F::simd_from(simd, 0.499 * thickness)), all)
     }
 
+    /// Which kernels share a box out alike at all their pixels: those whose distances have a standard deviation, over the footprint, of a
+    /// small part of the box.
+    ///
+    /// 0.8 times that part of a kernel, of either sign, then lies in the neighbouring slab. A slab shows that by its optical depth, and
+    /// what its kernels move to and fro cancels where their places are even.
+    #[inline(always)]
+    pub(crate) fn are_level<S: Simd, F: Floats<S>>(&self, simd: S, deviation: F, inverse: F) -> F::Mask {
+        (deviation * inverse).simd_le(F::simd_from(simd, self.level * BOX))
+    }
+
     /// How far a slab begins.
     #[inline(always)]
     pub(crate) fn begin(&self, number: u32) -> f32 {
@@ -332,7 +356,7 @@ mod tests {
     fn slabs(added: f32) -> Slabs {
         let pose = Pose::look_at(DVec3::ZERO, DVec3::Z, DVec3::Y).unwrap();
         let camera = Camera::perspective(pose, 0.5, [8, 8]).unwrap();
-        Slabs { near: 0.25, thickness: 0.5, lens: Lens::new(&camera, 0.3), added }
+        Slabs { near: 0.25, thickness: 0.5, lens: Lens::new(&camera, 0.3), added, level: 0.0 }
     }
 
     /// The share of a kernel with σ before a distance x from its centre.

@@ -27,6 +27,7 @@ pub mod footprint;
 pub mod frame;
 mod grow;
 mod harmonics;
+mod lattice;
 mod layers;
 mod levels;
 pub mod metrics;

@@ -1,29 +1,32 @@
 //! The main path: cull ► footprint ► order ► bin ► (raster ► layers ► composite ► resolve) for each tile; again for what was
-//! wrongly left out as hidden (`occlusion`), most often not at all.
+//! wrongly left out as hidden (`occlusion`), most often not at all. Volumes that are wide in the picture are drawn at every second
+//! pixel first (`lattice`).
+
+mod tiles;
 
 use crate::bin::TileLists;
 use crate::camera::Camera;
 use crate::closing::Closing;
-use crate::composite::{Compositor, KernelBuffers, Runs, lead};
+use crate::composite::{Compositor, lead};
 use crate::cull::{VisibleRange, find_affordable, touched_pixels};
-use crate::cuts::Cuts;
 use crate::footprint::{Lens, Records, SceneView};
 use crate::frame::{Channels, Frame, FrameRows};
 use crate::grow::grow;
-use crate::layers::{LayerBuffers, LayerBuilder, depth_tolerances};
+use crate::lattice::Lattice;
+use crate::layers::{LayerBuilder, depth_tolerances};
 use crate::observer::{Counts, Observer, Stage};
-use crate::occlusion::{Looked, Occlusion, Visible};
+use crate::occlusion::{Occlusion, Visible};
 use crate::order::{Keys, Sorter, gather};
 use crate::raster::{KernelLens, Surfaces, SurfelLens, reach_to_cuts};
 use crate::resolve::Resolver;
 use crate::scene::{Baseline, RenderSettings, Scene};
 use crate::shade::Shader;
-use crate::simd::{Level, dispatch};
+use crate::simd::Level;
 use crate::tile::Tile;
 use crate::validate::SceneError;
-use rayon::prelude::*;
-use std::sync::atomic::{AtomicU32, AtomicU64, AtomicUsize, Ordering::Relaxed};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
+use tiles::{TileBuffers, TileDrawer};
 
 /// Draws a scene, on the threads of the current rayon pool; the picture does not depend on how many.
 ///
@@ -56,10 +59,11 @@ pub struct Renderer {
     depth_tolerances: Vec<f32>,
     surfaces: Drawn,
     volumes: Drawn,
+    lattice: Lattice,
     scratch: Vec<AtomicU64>,
     sorter: Sorter,
     threads: Vec<Mutex<TileBuffers>>,
-    /// Of each tile: pixels that were evaluated, and those where kernels came late.
+    /// Of each tile, and then of each of the lattice's: pixels that were evaluated, and those where kernels came late.
     counts: Vec<[AtomicU64; 2]>,
     frame: Frame,
 }
@@ -73,14 +77,6 @@ struct Drawn {
     /// Distances, of which sorting makes the order, where more records may come.
     order: Vec<AtomicU32>,
     lists: TileLists,
-}
-
-/// Buffers of one thread.
-struct TileBuffers {
-    layers: LayerBuffers,
-    cuts: Cuts,
-    kernels: KernelBuffers,
-    runs: Runs,
 }
 
 impl Default for Renderer {
@@ -113,6 +109,7 @@ impl Renderer {
             depth_tolerances: Vec::new(),
             surfaces: Drawn::default(),
             volumes: Drawn::default(),
+            lattice: Lattice::default(),
             scratch: Vec::new(),
             sorter: Sorter::default(),
             threads: Vec::new(),
@@ -144,6 +141,7 @@ impl Renderer {
         let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
         let (occlusion, side) = (&mut self.occlusion, self.tile_side);
         watched(observer, Stage::Cull, || occlusion.begin(visible, side));
+        self.lattice.begin((scene, camera, settings), &self.visible[1], side);
         self.prepare(scene, camera, settings);
         loop {
             watched(observer, Stage::Footprint, || self.project(scene, camera, (settings, closing)));
@@ -154,6 +152,7 @@ impl Renderer {
             if self.occlusion.is_new(1) {
                 let is_last = !self.occlusion.leaves_out(1);
                 let buffers = (&mut self.sorter, &mut self.scratch);
+                let size = (size.0, self.lattice.listed_side(side));
                 self.volumes.list_by_distance((observer, closing, is_last), size, buffers);
             }
             self.draw(camera, (settings, closing), observer);
@@ -213,7 +212,8 @@ impl Renderer {
         self.volumes.clear();
         self.frame.resize(camera.size().map(|length| length as usize), settings.channels);
         self.counts.clear();
-        self.counts.resize_with(self.occlusion.changed().len(), Default::default);
+        let tiles = self.occlusion.changed().len() + self.lattice.tiles();
+        self.counts.resize_with(tiles, Default::default);
     }
 
     /// Projects what is new in a round.
@@ -231,7 +231,7 @@ impl Renderer {
         (settings, closing): (&RenderSettings, Closing),
         observer: &dyn Observer,
     ) {
-        let Self { visible, surfaces, volumes, occlusion, counts, .. } = self;
+        let Self { visible, surfaces, volumes, occlusion, lattice, counts, .. } = self;
         let Self { shaders, depth_tolerances, level, tile_side: side, .. } = self;
         let picture = camera.size().map(|length| length as usize);
         let [columns, rows] = picture.map(|length| length.div_ceil(*side));
@@ -275,25 +275,29 @@ impl Renderer {
             level: *level,
         };
         let bands: Vec<Mutex<FrameRows>> = self.frame.bands(*side).map(Mutex::new).collect();
-        let threads = rayon::current_num_threads().max(1);
-        self.threads.resize_with(threads.max(self.threads.len()), || Mutex::new(TileBuffers::new()));
-        let next = AtomicUsize::new(0);
-        self.threads[..threads].par_iter().with_max_len(1).for_each(|buffers| {
-            let mut buffers = buffers.lock().unwrap_or_else(PoisonError::into_inner);
-            loop {
-                let index = next.fetch_add(1, Relaxed);
-                if index >= columns * rows {
-                    break;
-                }
-                if !occlusion.changed()[index] {
-                    continue;
-                }
-                let tile = Tile::new([index % columns, index / columns], *side, picture);
-                let lists = [surfaces.lists.tile(index), volumes.lists.tile(index)];
-                let band = &bands[index / columns];
-                for (sum, own) in counts[index].iter().zip(drawer.draw((tile, lists), &mut buffers, band)) {
-                    sum.store(own, Relaxed);
-                }
+        lattice.mark(occlusion.changed(), columns);
+        let tile_of = |index: usize| Tile::new([index % columns, index / columns], *side, picture);
+        let store = |counts: &[AtomicU64; 2], found: [u64; 2]| {
+            counts.iter().zip(found).for_each(|(sum, own)| sum.store(own, Relaxed));
+        };
+        let (counts, counts_of_lattice) = counts.split_at(columns * rows);
+        tiles::for_each(&mut self.threads, lattice.tiles(), |index, buffers| {
+            if lattice.is_changed(index) {
+                let has_surfaces =
+                    lattice.parts(index, [columns, rows]).any(|part| !surfaces.lists.tile(part).is_empty());
+                let lists = (volumes.lists.tile(index), has_surfaces);
+                store(&counts_of_lattice[index], drawer.sample((lattice, index), lists, buffers));
+            }
+        });
+        tiles::for_each(&mut self.threads, columns * rows, |index, buffers| {
+            let tile = tile_of(index);
+            if occlusion.changed()[index] || lattice.is_stale(tile) {
+                let listed = if lattice.is_used() { lattice.tile_of(tile) } else { index };
+                let lists = [surfaces.lists.tile(index), volumes.lists.tile(listed)];
+                store(
+                    &counts[index],
+                    drawer.draw((tile, lists), buffers, (lattice, &bands[index / columns])),
+                );
             }
         });
     }
@@ -367,64 +371,6 @@ fn watched<T>(observer: &dyn Observer, stage: Stage, run: impl FnOnce() -> T) ->
     let value = run();
     observer.end(stage);
     value
-}
-
-impl TileBuffers {
-    fn new() -> Self {
-        Self {
-            layers: LayerBuffers::default(),
-            cuts: Cuts::new(),
-            kernels: KernelBuffers::default(),
-            runs: Runs::new(),
-        }
-    }
-}
-
-/// Draws tiles.
-struct TileDrawer<'a> {
-    layers: LayerBuilder<'a>,
-    compositor: Compositor<'a>,
-    resolver: Resolver<'a>,
-    looked: &'a Looked,
-    observer: &'a dyn Observer,
-    level: Level,
-}
-
-impl TileDrawer<'_> {
-    /// Draws a tile from its lists of surfaces and volumes; gives the numbers of pixels that were evaluated, and where
-    /// kernels came late.
-    fn draw(
-        &self,
-        (tile, [surfaces, volumes]): (Tile, [&[AtomicU32]; 2]),
-        buffers: &mut TileBuffers,
-        band: &Mutex<FrameRows>,
-    ) -> [u64; 2] {
-        let Self { layers: builder, compositor, resolver, looked, observer, level } = self;
-        let TileBuffers { layers, cuts, kernels, runs } = buffers;
-        let mut counts = [0; 2];
-        counts[0] = watched(
-            *observer,
-            Stage::Layers,
-            || dispatch!(*level, simd => builder.build(simd, (tile, surfaces), layers, cuts)),
-        );
-        let has_runs = !volumes.is_empty();
-        if has_runs {
-            let [count, late] = watched(
-                *observer,
-                Stage::Composite,
-                || dispatch!(*level, simd => compositor.add(simd, (tile, volumes), cuts, (kernels, runs))),
-            );
-            counts = [counts[0] + count, late];
-        }
-        let reached = if has_runs { runs.reached } else { f32::INFINITY };
-        looked.store(tile, cuts, reached);
-        watched(*observer, Stage::Resolve, || {
-            let mut rows = band.lock().unwrap_or_else(PoisonError::into_inner);
-            let runs = has_runs.then_some(&*runs);
-            dispatch!(*level, simd => resolver.tile(simd, tile, (cuts, runs), &mut rows));
-        });
-        counts
-    }
 }
 
 #[cfg(test)]

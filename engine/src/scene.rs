@@ -155,6 +155,9 @@ pub struct RenderSettings {
     pub budget: Option<usize>,
     /// Whether what is hidden is left out before it is projected, where much seems to be; the picture is the same.
     pub occlusion: bool,
+    /// Whether volumes whose kernels are wide in the picture are drawn at every second pixel, and interpolated between where that
+    /// keeps to the tolerance.
+    pub interpolation: bool,
     /// Whether splats are shown in the colour of their footprint's form, unshaded: points red, affine green, exact blue.
     pub color_by_form: bool,
     /// What the frame holds.
@@ -194,6 +197,7 @@ impl Default for RenderSettings {
             level_of_detail: true,
             budget: None,
             occlusion: true,
+            interpolation: true,
             color_by_form: false,
             channels: Channels::All,
         }

@@ -190,6 +190,8 @@ impl<'a> Trial<'a> {
             order,
             footprint,
             channels: Channels::Color,
+            // Windows are too small for it, and it keeps to a share of its own.
+            interpolation: false,
             // A share of the whole picture's would mean nothing here.
             budget: None,
             ..*settings

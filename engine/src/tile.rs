@@ -40,7 +40,10 @@ impl Plane {
 
 /// A square of pixels at the places that are multiples of its side; the picture may end within it.
 ///
-/// Its blocks follow each other down the columns of blocks.
+/// Its blocks follow each other down the columns of blocks. Its pixels may be some of the picture's: every second one of a
+/// [lattice](crate::lattice), which are a picture of their own, seen through a lens of their own ([`Lens::of_every`]).
+///
+/// [`Lens::of_every`]: crate::footprint::Lens::of_every
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Tile {
     /// Column and row of its first pixel.
@@ -49,6 +52,8 @@ pub(crate) struct Tile {
     pub(crate) size: [usize; 2],
     /// 8, 16 or 32: a power of two, at most [`MAX_SIDE`].
     pub(crate) side: usize,
+    /// Which of the picture's pixels they are: every one, or every second one.
+    pub(crate) step: usize,
 }
 
 impl Tile {
@@ -56,7 +61,17 @@ impl Tile {
     pub(crate) fn new(place: [usize; 2], side: usize, picture: [usize; 2]) -> Self {
         let origin = place.map(|p| p * side);
         let size = [0, 1].map(|axis| (picture[axis] - origin[axis]).min(side));
-        Self { origin, size, side }
+        Self { origin, size, side, step: 1 }
+    }
+
+    /// The same, its pixels being some of a picture's.
+    pub(crate) fn of_every(self, step: usize) -> Self {
+        Self { step, ..self }
+    }
+
+    /// Where a place in the whole picture is among the tile's pixels.
+    pub(crate) fn among_pixels(self, place: [f32; 2]) -> [f32; 2] {
+        place.map(|p| (p - 0.5) / self.step as f32 + 0.5)
     }
 
     /// Blocks in a row, and in a column.
@@ -105,6 +120,12 @@ impl Tile {
             #[inline(always)]
             move |block| !self.visible(*block).contains(&0),
         )
+    }
+
+    /// Those blocks, as bits.
+    #[inline(always)]
+    pub(crate) fn visible_set(self) -> u64 {
+        self.visible_blocks().map(|block| 1 << block).sum()
     }
 
     /// Whether each pixel of a block lies in the picture.

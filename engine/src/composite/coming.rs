@@ -49,12 +49,21 @@ impl Coming {
         // Records are not in the cache. The loop is so short that most are on their way at once; to round numbers there would make it
         // long.
         let slabs_of = |record: u32| all[record as usize].amplitude_slope_or_slabs;
-        let mut ahead = [(0, [0.0; 2]); BATCH];
-        let coming = list.as_slice().iter().map(|entry| entry.load(Ordering::Relaxed));
-        for (ahead, record) in ahead.iter_mut().zip(coming) {
-            *ahead = (record, slabs_of(record));
+        records.extend(list.as_slice().iter().take(BATCH).map(|entry| entry.load(Ordering::Relaxed)));
+        let mut ends = [[0.0; BATCH]; 2];
+        for (place, record) in records.iter().enumerate() {
+            [ends[0][place], ends[1][place]] = slabs_of(*record);
         }
-        let mut ahead = ahead[..list.len().min(BATCH)].iter();
+        if pieces.is_empty() && slabs.set_whole(records.len(), &ends, MOST_OPEN) {
+            *list = list.as_slice()[records.len()..].iter();
+            return !records.is_empty();
+        }
+        let mut ahead = [(0, [0.0; 2]); BATCH];
+        for (place, (ahead, record)) in ahead.iter_mut().zip(&*records).enumerate() {
+            *ahead = (*record, [ends[0][place], ends[1][place]]);
+        }
+        let mut ahead = ahead[..records.len()].iter();
+        records.clear();
         while records.len() < BATCH {
             let next =
                 ahead.as_slice().first().map(|(record, slabs)| (*record, slabs.map(|slab| slab as u32)));

@@ -64,11 +64,11 @@ impl Compositor<'_> {
     pub(super) fn seeing<S: Simd>(
         &self,
         simd: S,
-        (list, coming): (&[AtomicU32], &Coming),
+        (tile, list, coming): (Tile, &[AtomicU32], &Coming),
         hidden_from: &[f32; MAX_BLOCKS],
     ) -> u64 {
         let Some(next) = list.first().filter(|_| !coming.has_pieces()) else { return u64::MAX };
-        let distance = W::simd_from(simd, self.distance(next.load(Relaxed)));
+        let distance = W::simd_from(simd, self.distance(tile, next.load(Relaxed)));
         (0..MAX_BLOCKS).step_by(16).fold(0, |set, first| {
             let is_hidden = distance.simd_gt(W::from_slice(simd, &hidden_from[first..first + 16]));
             set | (!is_hidden).to_bitmask() << first
@@ -76,28 +76,28 @@ impl Compositor<'_> {
     }
 
     /// The least distance of the centres of a record and of those behind it in its list.
-    fn distance(&self, record: u32) -> f32 {
+    fn distance(&self, tile: Tile, record: u32) -> f32 {
         let record = &self.records[record as usize];
         match &self.lens.closing {
             Closing::Slabs(slabs) => slabs.begin(record.amplitude_slope_or_slabs[0] as u32),
             Closing::Sheets(_) => f32::NEG_INFINITY,
-            Closing::Centers | Closing::PerPixel => self.center_distance(record),
+            Closing::Centers | Closing::PerPixel => self.center_distance(tile, record),
         }
     }
 
     /// The least distance of a kernel that comes after a record whatever else is listed.
-    pub(super) fn reach(&self, record: u32) -> f32 {
+    pub(super) fn reach(&self, tile: Tile, record: u32) -> f32 {
         let record = &self.records[record as usize];
         match &self.lens.closing {
             Closing::Slabs(slabs) => slabs.begin(record.amplitude_slope_or_slabs[0] as u32 + 1),
             Closing::Sheets(_) => f32::INFINITY,
-            Closing::Centers | Closing::PerPixel => self.center_distance(record),
+            Closing::Centers | Closing::PerPixel => self.center_distance(tile, record),
         }
     }
 
-    fn center_distance(&self, record: &Record) -> f32 {
+    fn center_distance(&self, tile: Tile, record: &Record) -> f32 {
         let lens = &self.lens.lens;
-        let mean = DVec2::from_array(record.mean.map(f64::from));
+        let mean = DVec2::from_array(tile.among_pixels(record.mean).map(f64::from));
         match lens.projection {
             Projection::Perspective => lens.position(mean, f64::from(record.depth)).length() as f32,
             Projection::Orthographic => record.depth,
@@ -186,7 +186,7 @@ mod tests {
             for [column, row] in (0..24).map(|i| [i % 6, i / 6]) {
                 let tile = Tile::new([column, row], SIDE, SIZE.map(|length| length as usize));
                 // Cuts so far away that they would end the list before it.
-                let hidden = compositor.distance(0) / compositor.longest_ray(tile) - lead;
+                let hidden = compositor.distance(tile, 0) / compositor.longest_ray(tile) - lead;
                 let mut kernels = Kernels::NONE;
                 let shows = dispatch!(level, simd => {
                     let list = records.records[..count].iter();

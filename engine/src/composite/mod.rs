@@ -34,6 +34,7 @@ use sums::OpenSlabs;
 use window::{Window, Windowed};
 
 /// Adds fragments to runs.
+#[derive(Clone, Copy)]
 pub(crate) struct Compositor<'a> {
     pub(crate) records: &'a [Record],
     pub(crate) rects: &'a [Rect],
@@ -60,7 +61,7 @@ impl Here {
 }
 
 /// Batches that are fetched before their kernels are added: a block's pixels come into registers once for all.
-const GROUP: usize = 4;
+const GROUP: usize = 8;
 
 /// Buffers of one thread.
 #[derive(Default)]
@@ -77,13 +78,18 @@ pub(crate) struct KernelBuffers {
 type Buffers<'a, O> = ((&'a mut Vec<Kernels>, &'a mut Coming), &'a mut Vec<Vec<O>>, &'a mut Runs);
 
 impl Compositor<'_> {
-    /// Clears the runs and adds the records of a tile's list, which come from near to far. Gives the numbers of pixels that
-    /// were evaluated, and of those where a kernel came later than its place in a window.
+    /// The same for a picture of every second pixel, or of still fewer.
+    pub(crate) fn of_every(self, step: usize) -> Self {
+        Self { lens: self.lens.of_every(step), ..self }
+    }
+
+    /// Adds the records of a tile's list, which come from near to far, to the runs of a set of its blocks, which are clear. Gives
+    /// the numbers of pixels that were evaluated, and of those where a kernel came later than its place in a window.
     #[inline(always)]
     pub(crate) fn add<S: Simd>(
         &self,
         simd: S,
-        tile: (Tile, &[AtomicU32]),
+        tile: (Tile, &[AtomicU32], u64),
         cuts: &Cuts,
         (buffers, runs): (&mut KernelBuffers, &mut Runs),
     ) -> [u64; 2] {
@@ -114,12 +120,11 @@ impl Compositor<'_> {
     fn add_to<S: Simd, O: Opening<S>, const DEPTH: bool>(
         &self,
         simd: S,
-        (tile, list): (Tile, &[AtomicU32]),
+        (tile, list, drawn): (Tile, &[AtomicU32], u64),
         (cuts, policy): (&Cuts, O::Policy<'_>),
         ((batches, coming), opens, runs): Buffers<O::Open>,
     ) -> u64 {
         let segments = cuts.segments();
-        runs.clear(simd, tile, segments);
         opens.resize_with(segments.max(opens.len()), Vec::new);
         for blocks in &mut opens[..segments] {
             blocks.resize_with(tile.blocks().max(blocks.len()), O::Open::default);
@@ -127,9 +132,9 @@ impl Compositor<'_> {
         batches.resize_with(GROUP, || Kernels::NONE);
         coming.clear();
         let mut list = list.iter();
-        let mut open: u64 = tile.visible_blocks().map(|block| 1 << block).sum();
+        let mut open = drawn;
         let hidden_from = self.hidden_from(tile, cuts);
-        let mut seeing = self.seeing(simd, (list.as_slice(), coming), &hidden_from);
+        let mut seeing = self.seeing(simd, (tile, list.as_slice(), coming), &hidden_from);
         let mut count = 0;
         while open != 0 {
             open &= seeing;
@@ -144,7 +149,7 @@ impl Compositor<'_> {
                     || self.fetch(simd, (tile, &coming.records), cuts, &mut batches[used]),
                 );
                 used += 1;
-                seeing = self.seeing(simd, (list.as_slice(), coming), &hidden_from);
+                seeing = self.seeing(simd, (tile, list.as_slice(), coming), &hidden_from);
             }
             if used == 0 {
                 break;
@@ -163,10 +168,10 @@ impl Compositor<'_> {
         if let Some(next) = list.as_slice().first() {
             // Lists that go on in another way from here on are the same until here, batch by batch.
             let records = coming.records.iter().copied().chain([next.load(Relaxed)]);
-            runs.reached = records.map(|record| self.reach(record)).fold(0.0, f32::max);
+            runs.reached = records.map(|record| self.reach(tile, record)).fold(0.0, f32::max);
         }
         if O::KEEPS_OPEN {
-            for block in tile.visible_blocks() {
+            for block in tile.visible_blocks().filter(|block| drawn >> block & 1 != 0) {
                 let mut through = Through::all(simd);
                 let cuts = cuts.layers(block).map(Some).chain(std::iter::repeat(None));
                 for ((blocks, opens), cut) in runs.segments[..segments].iter_mut().zip(&mut *opens).zip(cuts)

@@ -46,7 +46,7 @@ impl Runs {
 
     /// Clears as many segments as the cuts make.
     #[inline(always)]
-    pub(super) fn clear<S: Simd>(&mut self, simd: S, tile: Tile, segments: usize) {
+    pub(crate) fn clear<S: Simd>(&mut self, simd: S, tile: Tile, segments: usize) {
         self.reached = f32::INFINITY;
         self.segments.resize_with(segments.max(self.segments.len()), Vec::new);
         for blocks in &mut self.segments[..segments] {
@@ -58,6 +58,11 @@ impl Runs {
             let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
             block.opacity.store(tile.inside(simd, number).select(zero, one));
         }
+    }
+
+    /// What the pixels of a block without cuts send and let through.
+    pub(crate) fn block_mut(&mut self, block: usize) -> &mut Seen {
+        &mut self.segments[0][block]
     }
 
     /// What the pixels of a block send and let through in a segment.

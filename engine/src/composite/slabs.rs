@@ -9,7 +9,7 @@ use super::seen::{Seeing, Seen};
 use super::spread::{Cumulative, Matter};
 use super::sums::{OpenSlabs, Sum};
 use crate::closing::{Closing, Slabs};
-use crate::raster::{Kernels, SlabColumns};
+use crate::raster::Kernels;
 use crate::simd::*;
 
 /// Slabs are open.
@@ -55,26 +55,26 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
         let Closing::Slabs(slabs) = closing else {
             return self.add_to_sheets::<DEPTH>(simd, plain, open);
         };
-        let SlabColumns { narrow, points, .. } = plain.kernels.slabs;
+        let narrow = plain.kernels.slabs.narrow;
+        let level = if DEPTH { plain.kernels.level_points() } else { plain.kernels.slabs.level };
         let mut rest = plain.set;
-        if rest & !points == 0 {
-            self.add_points::<DEPTH>(simd, plain, slabs, open);
-            return;
-        }
         while rest != 0 {
-            let set = before(rest, rest & !narrow);
+            let set = before(rest, rest & !level);
+            self.add_level::<DEPTH>(simd, Plain { set, ..plain }, slabs, open);
+            rest ^= set;
+            let set = before(rest, rest & (level | !narrow));
             self.add_narrow::<DEPTH>(simd, Plain { set, ..plain }, slabs, open);
             rest ^= set;
-            if rest != 0 {
-                let set = before(rest, rest & narrow);
-                // A function of its own takes no registers from the other way.
+            let set = before(rest, rest & narrow);
+            rest ^= set;
+            if set != 0 {
+                // A function of its own takes no registers from the other ways.
                 let copy = *self;
                 *self = apart(
                     simd,
                     #[inline(always)]
                     || copy.add_wide::<DEPTH>(simd, Plain { set, ..plain }, slabs, open),
                 );
-                rest ^= set;
             }
         }
     }
@@ -185,9 +185,9 @@ impl<S: Simd> Slabbed<S> {
         }
     }
 
-    /// Adds points that touch two slabs at most: both sums grow by the same weight.
+    /// Adds level kernels, which touch two slabs at most: both sums grow by the same weight.
     #[inline(always)]
-    fn add_points<const DEPTH: bool>(
+    fn add_level<const DEPTH: bool>(
         &mut self,
         simd: S,
         mut plain: Plain<S>,
@@ -201,7 +201,7 @@ impl<S: Simd> Slabbed<S> {
                 self.close_before::<DEPTH>(simd, first, slabs.thickness(), open);
             }
             self.end = self.end.max(first + 2);
-            let weight = kernels.point_weight(simd, number, pixels);
+            let weight = kernels.plain_weight(simd, number, pixels);
             for (slab, sum) in self.near.iter_mut().enumerate() {
                 sum.add_grain::<DEPTH>(simd, weight, &kernels.slabs.grain(number, slab));
             }

@@ -178,7 +178,7 @@ impl<S: Simd> Sum<S> {
         }
     }
 
-    /// Adds a point with a weight at each pixel.
+    /// Adds a level kernel with a weight at each pixel.
     #[inline(always)]
     pub(super) fn add_grain<const DEPTH: bool>(&mut self, simd: S, weight: W<S>, grain: &Grain) {
         self.optical_depth = weight.mul_add(W::simd_from(simd, grain.optical_depth), self.optical_depth);

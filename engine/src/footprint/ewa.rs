@@ -53,6 +53,17 @@ impl Lens {
         }
     }
 
+    /// The lens of a picture of every second pixel, or of still fewer, whose first one is the first of all.
+    pub fn of_every(self, step: usize) -> Self {
+        let step = step as f64;
+        Self {
+            focal: self.focal / step,
+            principal: (self.principal - 0.5) / step + 0.5,
+            low_pass: self.low_pass / step,
+            ..self
+        }
+    }
+
     /// The point at depth `z` on the ray through a point of the picture, in camera space.
     pub fn position(&self, pixel: DVec2, z: f64) -> DVec3 {
         let across = (pixel - self.principal) / self.focal;

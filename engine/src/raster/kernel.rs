@@ -25,6 +25,7 @@ const REACH: f32 = NORMAL_END;
 pub(crate) const KERNEL_REACH: f64 = 1.25 * REACH as f64;
 
 /// What volume records share.
+#[derive(Clone, Copy)]
 pub(crate) struct KernelLens {
     pub(crate) lens: Lens,
     pub(crate) near: f32,
@@ -387,6 +388,11 @@ impl Kernels {
 }
 
 impl KernelLens {
+    /// The same for a picture of every second pixel, or of still fewer.
+    pub(crate) fn of_every(self, step: usize) -> Self {
+        Self { lens: self.lens.of_every(step), closing: self.closing.of_every(step), ..self }
+    }
+
     /// |v| of the rays through a tile's pixels.
     #[inline(always)]
     pub(crate) fn ray_lengths<S: Simd>(&self, simd: S, pixels: [W<S>; 2], tile: Tile) -> W<S> {

@@ -60,8 +60,8 @@ impl BlockMasks {
     fn add_rect(&mut self, number: usize, rect: &Rect, tile: Tile) {
         let range = |axis: usize| {
             let origin = tile.origin[axis];
-            let from = usize::from(rect.min[axis]).saturating_sub(origin);
-            let to = usize::from(rect.max[axis]).saturating_sub(origin).min(tile.side);
+            let from = (usize::from(rect.min[axis]) / tile.step).saturating_sub(origin);
+            let to = usize::from(rect.max[axis]).div_ceil(tile.step).saturating_sub(origin).min(tile.side);
             from / BLOCK_SIDE..to.div_ceil(BLOCK_SIDE)
         };
         for column in range(0) {
@@ -116,14 +116,20 @@ impl Outlines {
     /// Turns the records as they are into what pixels of a tile need.
     #[inline(always)]
     pub(crate) fn prepare<S: Simd>(&mut self, simd: S, tile: Tile) {
+        let step = tile.step as f32;
         for first in (0..self.count).step_by(16) {
             for (axis, column) in self.mean.iter_mut().enumerate() {
-                let mean = sixteen(simd, column, first) - (tile.origin[axis] as f32 + 0.5);
+                let origin = tile.origin[axis] as f32 + 0.5 / step;
+                let mean = sixteen(simd, column, first) * (1.0 / step) - origin;
                 mean.store_slice(&mut column[first..first + 16]);
             }
             for column in &mut self.root {
-                let root = sixteen(simd, column, first) * ROOT_HALF_LOG2_E;
+                let root = sixteen(simd, column, first) * (ROOT_HALF_LOG2_E * step);
                 root.store_slice(&mut column[first..first + 16]);
+            }
+            for column in &mut self.depth_slope {
+                let slope = sixteen(simd, column, first) * step;
+                slope.store_slice(&mut column[first..first + 16]);
             }
         }
     }
@@ -158,14 +164,6 @@ impl Outlines {
     pub(crate) fn offsets<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> Offsets<S> {
         let ([x, y], [a, b, c]) = (&self.mean, &self.root);
         Offsets::new(simd, pixels, ([x[number], y[number]], [a[number], b[number], c[number]]))
-    }
-
-    /// −kq of a point at pixels.
-    #[inline(always)]
-    pub(crate) fn round_exponent<S: Simd>(&self, number: usize, pixels: [W<S>; 2]) -> W<S> {
-        let [u, v] = [pixels[0] - self.mean[0][number], pixels[1] - self.mean[1][number]];
-        let root = self.root[0][number];
-        u.mul_add(u, v * v) * -(root * root)
     }
 
     /// The blocks that each record of a set needs: those that its ellipse meets, and where perspective makes none of it, those of

@@ -1,6 +1,7 @@
 //! How a batch of volume records lies in slabs.
 
 use super::kernel::Kernels;
+use super::offsets::ROOT_HALF_LOG2_E;
 use super::outline::{BATCH, Column, sixteen, sixteen_of};
 use crate::closing::{BOX, Distances, Slabs, Spread};
 use crate::simd::*;
@@ -23,16 +24,16 @@ pub(crate) struct SlabColumns {
     normal_part: Column,
     /// Boxes that touch no more than two slabs: shared out between the first and the next.
     pub(crate) narrow: u64,
-    /// Those of them that are points of optical depths: all pixels see the same shares of them.
-    pub(crate) points: u64,
-    /// What points have in their two slabs where w = e^{−r/2} is 1.
+    /// Those of them of optical depths of which all pixels see the same shares.
+    pub(crate) level: u64,
+    /// What these have in their two slabs where w = e^{−r/2} is 1.
     in_slabs: [Heap; 2],
     /// Pieces that begin, and that end, their records.
     begin: u64,
     end: u64,
 }
 
-/// Of a slab, the optical depths of points, and those times colours and z.
+/// Of a slab, the optical depths of level kernels, and those times colours and z.
 #[repr(C, align(64))]
 struct Heap {
     optical_depth: Column,
@@ -40,7 +41,7 @@ struct Heap {
     depth: Column,
 }
 
-/// What a point has in a slab where w = e^{−r/2} is 1.
+/// What a level kernel has in a slab where w = e^{−r/2} is 1.
 pub(crate) struct Grain {
     pub(crate) optical_depth: f32,
     /// Times the optical depth, as is z.
@@ -63,11 +64,25 @@ impl SlabColumns {
         half: [0.0; BATCH],
         normal_part: [0.0; BATCH],
         narrow: 0,
-        points: 0,
+        level: 0,
         in_slabs: [Heap::NONE; 2],
         begin: 0,
         end: 0,
     };
+
+    /// Takes in records as a whole that reach from their first to their last slabs; false if one touches more than `most`.
+    pub(crate) fn set_whole(&mut self, count: usize, [first, last]: &[Column; 2], most: u32) -> bool {
+        let reach = |place: usize| last[place] - first[place];
+        // Numbers of slabs are whole and exact.
+        if (0..count).any(|place| reach(place) >= most as f32) {
+            return false;
+        }
+        self.narrow =
+            (0..BATCH).map(|place| u64::from(reach(place) <= 1.0) << place).fold(0, |set, own| set | own);
+        (self.first, self.last) = (first.map(|slab| slab as u32), last.map(|slab| slab as u32));
+        (self.begin, self.end) = (u64::MAX, u64::MAX);
+        true
+    }
 
     /// Takes in a piece of a record that reaches from its first to its last slab.
     #[inline(always)]
@@ -80,7 +95,7 @@ impl SlabColumns {
         self.end = self.end & !(1 << number) | u64::from(end) << number;
     }
 
-    /// What a point has in its first slab, or in the next.
+    /// What a level kernel has in its first slab, or in the next.
     #[inline(always)]
     pub(crate) fn grain(&self, number: usize, slab: usize) -> Grain {
         let Heap { optical_depth, color: [red, green, blue], depth } = &self.in_slabs[slab];
@@ -160,16 +175,22 @@ impl Kernels {
         half.store_slice(&mut halves[range]);
         let wider = normal_part.simd_gt(W::simd_from(simd, 0.0)).to_bitmask();
         *narrow &= !(wider << first);
-        self.prepare_points(simd, slabs, first);
+        // The change over a σ of the footprint, as in `prepare`.
+        let [a, b, c] = sixteen_of(simd, &outlines.root, first);
+        let x = slope[0] * reciprocal(simd, a);
+        let y = (slope[1] - b * x) * reciprocal(simd, c);
+        let deviation = x.mul_add(x, y * y).sqrt() * ROOT_HALF_LOG2_E;
+        let level = slabs.are_level(simd, deviation, inverse).to_bitmask() << first;
+        self.prepare_level(simd, slabs, (first, level));
     }
 
-    /// Finds what points among sixteen records have in their two slabs.
+    /// Finds what level kernels among sixteen records have in their two slabs.
     #[inline(always)]
-    fn prepare_points<S: Simd>(&mut self, simd: S, slabs: &Slabs, first: usize) {
+    fn prepare_level<S: Simd>(&mut self, simd: S, slabs: &Slabs, (first, level): (usize, u64)) {
         let own = 0xffff << first;
-        let points = self.outlines.points & self.slabs.narrow & !self.opacities & own;
-        self.slabs.points = self.slabs.points & !own | points;
-        if points == 0 {
+        let level = level & self.slabs.narrow & !self.opacities & !self.outlines.exact & own;
+        self.slabs.level = self.slabs.level & !own | level;
+        if level == 0 {
             return;
         }
         let mut planes = [0.0; 16];
@@ -202,10 +223,16 @@ impl Kernels {
         }
     }
 
-    /// w = e^{−r/2} of a point at pixels.
+    /// w = e^{−r/2} of a plain kernel at pixels.
     #[inline(always)]
-    pub(crate) fn point_weight<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
-        self.weight(simd, number, self.outlines.round_exponent(number, pixels))
+    pub(crate) fn plain_weight<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
+        self.weight(simd, number, self.outlines.offsets(simd, number, pixels).exponent)
+    }
+
+    /// Level kernels whose z at pixels is one, too.
+    #[inline(always)]
+    pub(crate) fn level_points(&self) -> u64 {
+        self.slabs.level & self.outlines.points
     }
 
     /// The optical depth of a plain kernel that is spread as a box at pixels, and its share before a distance.

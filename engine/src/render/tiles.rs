@@ -1,0 +1,157 @@
+//! The tiles of a picture, on all threads.
+
+use super::watched;
+use crate::composite::{Compositor, KernelBuffers, Runs};
+use crate::cuts::Cuts;
+use crate::footprint::Rect;
+use crate::frame::FrameRows;
+use crate::lattice::{Lattice, STEP};
+use crate::layers::{LayerBuffers, LayerBuilder};
+use crate::observer::{Observer, Stage};
+use crate::occlusion::Looked;
+use crate::resolve::Resolver;
+use crate::simd::{Level, dispatch};
+use crate::tile::Tile;
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering::Relaxed};
+use std::sync::{Mutex, PoisonError};
+
+/// Buffers of one thread.
+pub(super) struct TileBuffers {
+    layers: LayerBuffers,
+    cuts: Cuts,
+    kernels: KernelBuffers,
+    runs: Runs,
+    /// What of a longer list touches a tile.
+    list: Vec<AtomicU32>,
+}
+
+impl TileBuffers {
+    fn new() -> Self {
+        Self {
+            layers: LayerBuffers::default(),
+            cuts: Cuts::new(),
+            kernels: KernelBuffers::default(),
+            runs: Runs::new(),
+            list: Vec::new(),
+        }
+    }
+}
+
+/// Does something for each number up to a count, with the buffers of the thread that does it.
+pub(super) fn for_each(
+    threads: &mut Vec<Mutex<TileBuffers>>,
+    count: usize,
+    run: impl Fn(usize, &mut TileBuffers) + Sync,
+) {
+    let own = rayon::current_num_threads().max(1);
+    threads.resize_with(own.max(threads.len()), || Mutex::new(TileBuffers::new()));
+    let next = AtomicUsize::new(0);
+    threads[..own].par_iter().with_max_len(1).for_each(|buffers| {
+        let mut buffers = buffers.lock().unwrap_or_else(PoisonError::into_inner);
+        loop {
+            let index = next.fetch_add(1, Relaxed);
+            if index >= count {
+                break;
+            }
+            run(index, &mut buffers);
+        }
+    });
+}
+
+/// Draws tiles.
+pub(super) struct TileDrawer<'a> {
+    pub(super) layers: LayerBuilder<'a>,
+    pub(super) compositor: Compositor<'a>,
+    pub(super) resolver: Resolver<'a>,
+    pub(super) looked: &'a Looked,
+    pub(super) observer: &'a dyn Observer,
+    pub(super) level: Level,
+}
+
+impl TileDrawer<'_> {
+    /// Draws what volumes alone send at the pixels of a lattice's tile; where there are surfaces, or nothing is listed, that is
+    /// known without. Gives what [`Self::draw`] gives.
+    pub(super) fn sample(
+        &self,
+        (lattice, index): (&Lattice, usize),
+        (volumes, has_surfaces): (&[AtomicU32], bool),
+        buffers: &mut TileBuffers,
+    ) -> [u64; 2] {
+        let TileBuffers { cuts, kernels, runs, .. } = buffers;
+        let (tile, reached) = lattice.tile(index);
+        let mut counts = [0; 2];
+        watched(self.observer, Stage::Composite, || {
+            cuts.clear();
+            dispatch!(self.level, simd => {
+                runs.clear(simd, tile, cuts.segments());
+                if !has_surfaces {
+                    let list = (tile, volumes, tile.visible_set());
+                    counts = self.compositor.of_every(STEP).add(simd, list, cuts, (kernels, runs));
+                }
+            });
+            lattice.store(tile, (!has_surfaces).then_some(&*runs));
+            reached.store(runs.reached.to_bits(), Relaxed);
+        });
+        counts
+    }
+
+    /// Draws a tile from its lists of surfaces and volumes, the latter those of the lattice's tile that it is in if there is one;
+    /// gives the numbers of pixels that were evaluated, and where kernels came late.
+    pub(super) fn draw(
+        &self,
+        (tile, [surfaces, volumes]): (Tile, [&[AtomicU32]; 2]),
+        buffers: &mut TileBuffers,
+        (lattice, band): (&Lattice, &Mutex<FrameRows>),
+    ) -> [u64; 2] {
+        let Self { layers: builder, compositor, resolver, looked, observer, level } = self;
+        let TileBuffers { layers, cuts, kernels, runs, list } = buffers;
+        let mut counts = [0; 2];
+        counts[0] = watched(
+            *observer,
+            Stage::Layers,
+            || dispatch!(*level, simd => builder.build(simd, (tile, surfaces), layers, cuts)),
+        );
+        let has_runs = !volumes.is_empty();
+        let mut reached = f32::INFINITY;
+        if has_runs {
+            let [count, late] = watched(*observer, Stage::Composite, || {
+                let mut open = tile.visible_set();
+                dispatch!(*level, simd => runs.clear(simd, tile, cuts.segments()));
+                let mut volumes = volumes;
+                if lattice.is_used() {
+                    let tolerance = resolver.settings.tolerance as f32;
+                    open = dispatch!(*level, _simd => lattice.fill(tile, (cuts, tolerance), runs));
+                    reached = lattice.reached(tile);
+                    if open == 0 {
+                        return [0; 2];
+                    }
+                    list.clear();
+                    list.extend(touching(volumes, compositor.rects, tile));
+                    volumes = list;
+                }
+                let found = dispatch!(*level, simd => compositor.add(simd, (tile, volumes, open), cuts, (kernels, runs)));
+                reached = if lattice.is_used() { reached.max(runs.reached) } else { runs.reached };
+                found
+            });
+            counts = [counts[0] + count, late];
+        }
+        looked.store(tile, cuts, reached);
+        watched(*observer, Stage::Resolve, || {
+            let mut rows = band.lock().unwrap_or_else(PoisonError::into_inner);
+            let runs = has_runs.then_some(&*runs);
+            dispatch!(*level, simd => resolver.tile(simd, tile, (cuts, runs), &mut rows));
+        });
+        counts
+    }
+}
+
+/// Those of a list whose rectangles touch a tile.
+fn touching(list: &[AtomicU32], rects: &[Rect], tile: Tile) -> impl Iterator<Item = AtomicU32> {
+    let ends = tile.origin.map(|origin| [origin as u16, (origin + tile.side) as u16]);
+    let touches = move |record: &u32| {
+        let Rect { min, max } = rects[*record as usize];
+        (0..2).all(|axis| min[axis] < ends[axis][1] && max[axis] > ends[axis][0])
+    };
+    list.iter().map(|entry| entry.load(Relaxed)).filter(touches).map(AtomicU32::new)
+}
