@@ -12,7 +12,7 @@
 
 use crate::camera::{Camera, Projection};
 use crate::composite::Runs;
-use crate::cull::VisibleRange;
+use crate::cull::{VisibleRange, touched_pixels};
 use crate::cuts::Cuts;
 use crate::footprint::Lens;
 use crate::frame::Channels;
@@ -25,10 +25,15 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 pub(crate) const STEP: usize = 2;
 
 /// The share of the tolerance that the two outermost pixels may change.
-const SHARE: f32 = 0.125;
+const SHARE: f32 = 0.25;
 
-/// Standard deviation of kernels in pixels, filter included, from which on most blocks are smooth enough.
-const LEAST_SIGMA: f64 = 1.8;
+/// Standard deviation of kernels in pixels, filter included, from which on they are interpolated. One of so many alone is then off by six
+/// times what the outermost two change in the same block at most, two hundred times where it is half as wide: it may lie between the
+/// pixels that are drawn.
+pub(crate) const LEAST_SIGMA: f64 = 1.75;
+
+/// The share of the pixels with volumes in which surfaces may be: there all pixels are drawn.
+const MOST_CUT: f64 = 0.5;
 
 /// Pixels to either side of one that is interpolated.
 const REACH: usize = 4;
@@ -68,11 +73,11 @@ impl Lattice {
     pub(crate) fn begin(
         &mut self,
         (scene, camera, settings): (&Scene, &Camera, &RenderSettings),
-        volumes: &[VisibleRange],
+        visible: &[Vec<VisibleRange>; 2],
         side: usize,
     ) {
         self.changed.clear();
-        self.is_used = is_worth_it((scene, camera, settings), volumes);
+        self.is_used = is_worth_it((scene, camera, settings), visible);
         if self.is_used {
             self.size = camera.size().map(|length| (length as usize).div_ceil(STEP));
             self.side = side;
@@ -150,11 +155,12 @@ impl Lattice {
             .any(|row| self.changed[row * self.columns..][touched(0, self.columns)].contains(&true))
     }
 
-    /// Takes in what a tile's pixels see; without runs nobody knows.
+    /// Takes in what a tile's pixels see. Without runs nobody knows, nor where narrow kernels are.
     #[inline(always)]
     pub(crate) fn store(&self, tile: Tile, runs: Option<&Runs>) {
         for block in tile.visible_blocks() {
             let ([left, top], [columns, rows]) = (tile.corner(block), tile.visible(block));
+            let runs = runs.filter(|runs| runs.narrow >> block & 1 == 0);
             for row in 0..rows {
                 let first = (tile.origin[1] + top + row) * self.size[0] + tile.origin[0] + left;
                 for (column, sample) in self.samples[first..first + columns].iter().enumerate() {
@@ -204,24 +210,25 @@ impl Lattice {
 
 fn is_worth_it(
     (scene, camera, settings): (&Scene, &Camera, &RenderSettings),
-    volumes: &[VisibleRange],
+    [surfaces, volumes]: &[Vec<VisibleRange>; 2],
 ) -> bool {
+    // Medians of depth are not smooth.
+    let is_allowed = settings.interpolation && settings.channels == Channels::Color;
+    let is_large = camera.size().iter().all(|length| *length as usize >= 2 * MAX_SIDE);
+    if !is_allowed || !is_large || volumes.is_empty() {
+        return false;
+    }
     let lens = Lens::new(camera, settings.low_pass);
-    let focal = lens.focal.min_element();
     let is_wide = |range: &VisibleRange| {
         let Some(sigma) = scene.clouds[range.cloud].median_sigma(range.level) else { return true };
         let distance = match lens.projection {
             Projection::Perspective => f64::from(range.distances[1]),
             Projection::Orthographic => 1.0,
         };
-        (sigma * focal / distance).hypot(lens.low_pass) >= LEAST_SIGMA
+        (sigma * lens.focal.min_element() / distance).hypot(lens.low_pass) >= LEAST_SIGMA
     };
-    // Medians of depth are not smooth.
-    settings.interpolation
-        && settings.channels == Channels::Color
-        && camera.size().iter().all(|length| *length as usize >= 2 * MAX_SIDE)
-        && !volumes.is_empty()
-        && volumes.iter().all(is_wide)
+    let seen = |ranges: &[VisibleRange]| touched_pixels(camera, ranges.iter());
+    volumes.iter().all(is_wide) && (surfaces.is_empty() || seen(surfaces) < MOST_CUT * seen(volumes))
 }
 
 /// The lattice's pixels in a tile of the picture and around it, by channels, rows and columns.

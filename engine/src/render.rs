@@ -141,7 +141,7 @@ impl Renderer {
         let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
         let (occlusion, side) = (&mut self.occlusion, self.tile_side);
         watched(observer, Stage::Cull, || occlusion.begin(visible, side));
-        self.lattice.begin((scene, camera, settings), &self.visible[1], side);
+        self.lattice.begin((scene, camera, settings), &self.visible, side);
         self.prepare(scene, camera, settings);
         loop {
             watched(observer, Stage::Footprint, || self.project(scene, camera, (settings, closing)));
@@ -257,6 +257,7 @@ impl Renderer {
                     closing,
                     is_taylor: settings.baseline == Some(Baseline::Taylor),
                     reach_to_cuts: reach_to_cuts(settings.tolerance),
+                    narrowest: 0.0,
                 },
                 spent,
                 lead: lead(&visible[1], settings, lens.projection),

@@ -6,6 +6,7 @@ use super::slabs::SlabColumns;
 use crate::camera::Projection;
 use crate::closing::Closing;
 use crate::footprint::{Kind, Lens, Record, Rect};
+use crate::lattice::LEAST_SIGMA;
 use crate::simd::*;
 use crate::tile::{HALF_BLOCK, Tile};
 
@@ -38,6 +39,8 @@ pub(crate) struct KernelLens {
     pub(crate) is_taylor: bool,
     /// See [`reach_to_cuts`].
     pub(crate) reach_to_cuts: f32,
+    /// Kernels whose standard deviation in the picture is less, in pixels, are [narrow](Kernels::narrow).
+    pub(crate) narrowest: f32,
 }
 
 /// How many σ_z from a cut kernels are taken to lie wholly before it or behind it.
@@ -75,6 +78,9 @@ pub(crate) struct Kernels {
     pub(super) opacities: u64,
     /// Those that lie wholly behind the near plane.
     pub(crate) whole: u64,
+    /// Those that pixels may miss: round ones with a standard deviation below a bound, and longer ones with a mean of 1/σ² over the
+    /// directions in the picture as large.
+    pub(crate) narrow: u64,
     /// Those that each block needs.
     pub(crate) masks: BlockMasks,
 }
@@ -125,6 +131,7 @@ impl Kernels {
         is_taylor: false,
         opacities: 0,
         whole: 0,
+        narrow: 0,
         masks: BlockMasks::NONE,
     };
 
@@ -138,7 +145,7 @@ impl Kernels {
         rect: impl Fn(usize) -> &'a Rect,
     ) {
         self.outlines.begin(records.clone());
-        (self.opacities, self.plain, self.whole) = (0, 0, 0);
+        (self.opacities, self.plain, self.whole, self.narrow) = (0, 0, 0, 0);
         self.is_taylor = lens.is_taylor;
         for (number, record) in records.enumerate().take(BATCH) {
             self.outlines.set(number, record);
@@ -161,7 +168,14 @@ impl Kernels {
                 self.prepare_slabs(simd, (tile, slabs), first);
             }
         }
-        self.masks = self.outlines.blocks(simd, tile, !hidden, rect);
+        self.masks = self.outlines.blocks(simd, tile, !hidden, &rect);
+        // Their ellipses may lie between the pixels.
+        let mut narrow = self.narrow & !hidden & self.outlines.all();
+        while narrow != 0 {
+            let number = narrow.trailing_zeros() as usize;
+            self.masks.add_rect(number, rect(number), tile);
+            narrow &= narrow - 1;
+        }
     }
 
     /// Finds what follows from sixteen records.
@@ -205,6 +219,9 @@ impl Kernels {
         // Σ_zz is σ_z² and what the slope of the depth adds over the footprint, |M⁻ᵀ slope|².
         let [a, b, c] = sixteen_of(simd, &self.outlines.root, first);
         let slope = sixteen_of(simd, &self.outlines.depth_slope, first);
+        let trace = a.mul_add(a, b.mul_add(b, c * c));
+        let most = 2.0 * HALF_LOG2_E / (lens.narrowest * lens.narrowest);
+        self.narrow |= trace.simd_gt(W::simd_from(simd, most)).to_bitmask() << first;
         let x = slope[0] * reciprocal(simd, a);
         let y = (slope[1] - b * x) * reciprocal(simd, c);
         let reach = (x.mul_add(x, y * y) * end).sqrt()
@@ -390,7 +407,12 @@ impl Kernels {
 impl KernelLens {
     /// The same for a picture of every second pixel, or of still fewer.
     pub(crate) fn of_every(self, step: usize) -> Self {
-        Self { lens: self.lens.of_every(step), closing: self.closing.of_every(step), ..self }
+        Self {
+            lens: self.lens.of_every(step),
+            closing: self.closing.of_every(step),
+            narrowest: LEAST_SIGMA as f32 / step as f32,
+            ..self
+        }
     }
 
     /// |v| of the rays through a tile's pixels.

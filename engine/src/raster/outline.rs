@@ -57,7 +57,7 @@ impl BlockMasks {
     }
 
     /// Adds a record to all blocks that its rectangle touches.
-    fn add_rect(&mut self, number: usize, rect: &Rect, tile: Tile) {
+    pub(super) fn add_rect(&mut self, number: usize, rect: &Rect, tile: Tile) {
         let range = |axis: usize| {
             let origin = tile.origin[axis];
             let from = (usize::from(rect.min[axis]) / tile.step).saturating_sub(origin);
@@ -140,6 +140,12 @@ impl Outlines {
         self.count
     }
 
+    /// All of them, as bits.
+    #[inline(always)]
+    pub(crate) fn all(&self) -> u64 {
+        u64::MAX.checked_shr((BATCH - self.count) as u32).unwrap_or(0)
+    }
+
     /// Beginnings of the sixteens of records.
     #[inline(always)]
     pub(crate) fn sixteens(&self) -> impl Iterator<Item = usize> + use<> {
@@ -177,7 +183,7 @@ impl Outlines {
         rect: impl Fn(usize) -> &'a Rect,
     ) -> BlockMasks {
         let (mut masks, mut open) = (BlockMasks::NONE, 0);
-        let kept = kept & u64::MAX.checked_shr((BATCH - self.count) as u32).unwrap_or(0);
+        let kept = kept & self.all();
         if kept == 0 {
             return masks;
         }
