@@ -147,6 +147,10 @@ pub(crate) struct PictureOptions {
     /// Whether splats hidden by what is nearer are left out before they are projected, where many are [default: on]
     #[arg(long, value_name = "on|off", value_parser = notation::switch)]
     pub(crate) occlusion: Option<bool>,
+    /// Whether volumes with kernels of several pixels are drawn at every second pixel, and interpolated between where that keeps to
+    /// the tolerance [default: on]
+    #[arg(long, value_name = "on|off", value_parser = notation::switch)]
+    pub(crate) interpolation: Option<bool>,
     /// Lets a slow reference draw the picture: r1 integrates the filtered splats along pixel centres, r2
     /// the unfiltered ones with many samples a pixel [default: off]
     #[arg(long)]
@@ -178,6 +182,7 @@ impl PictureOptions {
             // And who gives one wants them.
             level_of_detail: self.level_of_detail.or(under.level_of_detail.filter(|_| self.budget.is_none())),
             occlusion: self.occlusion.or(under.occlusion),
+            interpolation: self.interpolation.or(under.interpolation),
             reference: self.reference.or(under.reference),
             // Samples are for one reference: another choice of it leaves them behind.
             samples: self

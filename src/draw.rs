@@ -51,6 +51,7 @@ impl Drawing {
                 level_of_detail: options.level_of_detail.unwrap_or(defaults.level_of_detail),
                 budget: options.budget,
                 occlusion: options.occlusion.unwrap_or(defaults.occlusion),
+                interpolation: options.interpolation.unwrap_or(defaults.interpolation),
                 color_by_form: options.show == Some(Show::Forms),
                 channels,
                 ..defaults

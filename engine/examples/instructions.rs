@@ -83,6 +83,8 @@ fn main() {
         blend: Blend::Display,
         channels: Channels::Color,
         order: Order::Centers,
+        // Of every pixel; but for one scene.
+        interpolation: false,
         ..RenderSettings::default()
     };
     let ordered = |order| RenderSettings { order, ..affine };
@@ -97,6 +99,9 @@ fn main() {
         "window" => (vec![splats(false)], ordered(Order::PerPixel)),
         "slabs" => (vec![grid()], ordered(Order::Slabs { thickness: 2.0 })),
         "thin-slabs" => (vec![grid()], ordered(Order::Slabs { thickness: 1.0 })),
+        "lattice" => {
+            (vec![grid()], RenderSettings { interpolation: true, ..ordered(Order::Slabs { thickness: 2.0 }) })
+        }
         "mixed-slabs" => (vec![grid(), sphere()], ordered(Order::Slabs { thickness: 2.0 })),
         _ => panic!("there is no scene {name:?}; they are listed in .ci/instructions"),
     };

@@ -60,12 +60,12 @@ fn compare(clouds: Vec<Cloud>, camera: &Camera, settings: &RenderSettings) -> (V
     (differences(&all, &some), of_some.fragments as f64 / of_all.fragments as f64)
 }
 
-/// A block may be interpolated where its own outermost samples change it by a quarter of the tolerance. A round kernel alone, at 1.75
+/// A block may be interpolated where its own outermost samples change it by an eighth of the tolerance. A round kernel alone, at 1.75
 /// pixels, is off by six times as much at most, in few of its pixels.
 fn assert_alike(name: &str, differences: &[f32]) {
     let (most, usual) = (differences[0] / TOLERANCE, differences[differences.len() / 100] / TOLERANCE);
     println!("{name}: {most:.3} tolerances at most, {usual:.3} at 99 %");
-    assert!(most <= 1.5 && usual <= 0.5, "{name}: off by {most} tolerances, by {usual} at 99 %");
+    assert!(most <= 0.75 && usual <= 0.25, "{name}: off by {most} tolerances, by {usual} at 99 %");
 }
 
 /// A dense core in a thin box, in colours that change from place to place, 24 kernels a side.
@@ -95,7 +95,7 @@ fn near() -> Camera {
 }
 
 #[test]
-fn wide_kernels_take_a_third_of_the_work() {
+fn wide_kernels_take_half_of_the_work() {
     let orders = [Order::Auto, Order::Centers, Order::PerPixel, Order::Slabs { thickness: 1.0 }];
     for order in orders {
         let (differences, share) =
@@ -206,7 +206,7 @@ fn what_is_hidden_is_left_out_of_it_too() {
         assert!(counts.occluded > counts.splats / 4 && rounds > 1, "{counts:?}, {rounds} rounds");
         // Sums of a batch end elsewhere, and a block at its limit may be interpolated or not.
         let worst = differences(&all.0, &rest.0)[0];
-        assert!(worst <= 0.25 * TOLERANCE, "a hole at {x}: {worst}");
+        assert!(worst <= 0.125 * TOLERANCE, "a hole at {x}: {worst}");
     }
 }
 
