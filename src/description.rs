@@ -147,7 +147,7 @@ pub(crate) struct PictureOptions {
     /// Whether splats hidden by what is nearer are left out before they are projected, where many are [default: on]
     #[arg(long, value_name = "on|off", value_parser = notation::switch)]
     pub(crate) occlusion: Option<bool>,
-    /// Whether volumes with kernels of several pixels are drawn at every second pixel, and interpolated between where that keeps to
+    /// Whether volumes whose kernels are several pixels wide are drawn at every second pixel, and interpolated between where that keeps to
     /// the tolerance [default: on]
     #[arg(long, value_name = "on|off", value_parser = notation::switch)]
     pub(crate) interpolation: Option<bool>,

@@ -100,7 +100,9 @@ fn main() {
         "slabs" => (vec![grid()], ordered(Order::Slabs { thickness: 2.0 })),
         "thin-slabs" => (vec![grid()], ordered(Order::Slabs { thickness: 1.0 })),
         "lattice" => {
-            (vec![grid()], RenderSettings { interpolation: true, ..ordered(Order::Slabs { thickness: 2.0 }) })
+            // A wider filter makes kernels wide enough.
+            let slabs = ordered(Order::Slabs { thickness: 2.0 });
+            (vec![grid()], RenderSettings { interpolation: true, low_pass: 1.0, ..slabs })
         }
         "mixed-slabs" => (vec![grid(), sphere()], ordered(Order::Slabs { thickness: 2.0 })),
         _ => panic!("there is no scene {name:?}; they are listed in .ci/instructions"),

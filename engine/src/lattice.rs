@@ -11,7 +11,6 @@
 use crate::camera::{Camera, Projection};
 use crate::composite::Runs;
 use crate::cull::{VisibleRange, touched_pixels};
-use crate::cuts::Cuts;
 use crate::footprint::Lens;
 use crate::frame::Channels;
 use crate::grow::grow;
@@ -153,12 +152,12 @@ impl Lattice {
             .any(|row| self.changed[row * self.columns..][touched(0, self.columns)].contains(&true))
     }
 
-    /// Takes in what a tile's pixels see. Without runs nobody knows, nor where narrow kernels are.
+    /// Takes in what a tile's pixels see. Without runs nobody knows, nor where rough kernels are.
     #[inline(always)]
     pub(crate) fn store(&self, tile: Tile, runs: Option<&Runs>) {
         for block in tile.visible_blocks() {
             let ([left, top], [columns, rows]) = (tile.corner(block), tile.visible(block));
-            let runs = runs.filter(|runs| runs.narrow >> block & 1 == 0);
+            let runs = runs.filter(|runs| runs.rough >> block & 1 == 0);
             for row in 0..rows {
                 let first = (tile.origin[1] + top + row) * self.size[0] + tile.origin[0] + left;
                 for (column, sample) in self.samples[first..first + columns].iter().enumerate() {
@@ -184,20 +183,21 @@ impl Lattice {
     /// Interpolates what a tile of the picture sees where that is as good as drawn; gives the blocks where it is not. Runs are
     /// clear.
     #[inline(always)]
-    pub(crate) fn fill(&self, tile: Tile, (cuts, tolerance): (&Cuts, f32), runs: &mut Runs) -> u64 {
+    pub(crate) fn fill(&self, tile: Tile, tolerance: f32, runs: &mut Runs) -> u64 {
         let mut open = tile.visible_set();
         let Some(window) = Window::of(self, tile) else { return 0 };
         let between = Between::new(&window);
         for block in tile.visible_blocks() {
-            if cuts.block(block).layers > 0 {
-                continue;
-            }
             let place = tile.corner(block).map(|pixel| pixel / STEP);
             if between.is_smooth(place, SHARE * tolerance) {
                 let seen = runs.block_mut(block);
-                let [red, green, blue] = &mut seen.color;
-                for (channel, plane) in [red, green, blue, &mut seen.opacity].into_iter().enumerate() {
-                    plane.0 = between.pixels(&window, channel, place);
+                // What waves beyond them is within the doubt, but not its ratios, by which colours may be encoded.
+                seen.opacity.0 = between.pixels(&window, 3, place).map(|opacity| opacity.clamp(0.0, 1.0));
+                for (channel, plane) in seen.color.iter_mut().enumerate() {
+                    let colors = between.pixels(&window, channel, place);
+                    // Between pixels it may be brighter than at any of them, but not by far.
+                    let brightest = 2.0 * window.brightest[channel];
+                    plane.0 = std::array::from_fn(|i| colors[i].max(0.0).min(seen.opacity.0[i] * brightest));
                 }
                 open &= !(1 << block);
             }
@@ -211,14 +211,15 @@ fn is_worth_it(
     [surfaces, volumes]: &[Vec<VisibleRange>; 2],
 ) -> bool {
     // Medians of depth are not smooth.
-    let is_allowed = settings.interpolation && settings.channels == Channels::Color;
+    let is_allowed =
+        settings.interpolation && settings.tolerance > 0.0 && settings.channels == Channels::Color;
     let is_large = camera.size().iter().all(|length| *length as usize >= 2 * MAX_SIDE);
     if !is_allowed || !is_large || volumes.is_empty() {
         return false;
     }
     let lens = Lens::new(camera, settings.low_pass);
     let is_wide = |range: &VisibleRange| {
-        let Some(sigma) = scene.clouds[range.cloud].median_sigma(range.level) else { return true };
+        let sigma = scene.clouds[range.cloud].median_sigma(range.level).unwrap_or(0.0);
         let distance = match lens.projection {
             Projection::Perspective => f64::from(range.distances[1]),
             Projection::Orthographic => 1.0,
@@ -229,14 +230,19 @@ fn is_worth_it(
     volumes.iter().all(is_wide) && (surfaces.is_empty() || seen(surfaces) < MOST_CUT * seen(volumes))
 }
 
-/// The lattice's pixels in a tile of the picture and around it, by channels, rows and columns.
-struct Window([[[f32; WINDOW]; WINDOW]; 4]);
+/// The lattice's pixels in a tile of the picture and around it.
+struct Window {
+    /// By channels, rows and columns.
+    samples: [[[f32; WINDOW]; WINDOW]; 4],
+    /// The largest of each colour among them, for an opacity of 1.
+    brightest: [f32; 3],
+}
 
 impl Window {
     /// `None` if nothing is there.
     #[inline(always)]
     fn of(lattice: &Lattice, tile: Tile) -> Option<Self> {
-        let mut window = Self([[[f32::NAN; WINDOW]; WINDOW]; 4]);
+        let mut window = Self { samples: [[[f32::NAN; WINDOW]; WINDOW]; 4], brightest: [0.0; 3] };
         let [left, top] = tile.origin.map(|origin| origin / STEP);
         let count = tile.side / STEP + 2 * REACH - 1;
         let mut shows = false;
@@ -250,9 +256,13 @@ impl Window {
                 let sample = lattice.samples[y * lattice.size[0] + x].each_ref();
                 let sample: Sample = sample.map(|channel| f32::from_bits(channel.load(Relaxed)));
                 // What is unknown is seen.
-                shows |= !(sample[3] <= 0.0);
-                for (channel, value) in window.0.iter_mut().zip(sample) {
+                shows |= sample[3] > 0.0 || sample[3].is_nan();
+                for (channel, value) in window.samples.iter_mut().zip(sample) {
                     channel[row][column] = value;
+                }
+                let per_opacity = 1.0 / sample[3].max(f32::MIN_POSITIVE);
+                for (brightest, color) in window.brightest.iter_mut().zip(sample) {
+                    *brightest = brightest.max(color * per_opacity);
                 }
             }
         }
@@ -273,7 +283,7 @@ struct Between {
 
 impl Between {
     #[inline(always)]
-    fn new(Window(window): &Window) -> Self {
+    fn new(Window { samples: window, .. }: &Window) -> Self {
         let mut between = Self {
             across: [[[0.0; MOST]; WINDOW]; 4],
             down: [[[[0.0; MOST]; MOST]; 4]; 2],
@@ -333,7 +343,7 @@ impl Between {
     #[inline(always)]
     fn pixels(
         &self,
-        Window(window): &Window,
+        Window { samples: window, .. }: &Window,
         channel: usize,
         [column, row]: [usize; 2],
     ) -> [f32; BLOCK_SIDE * BLOCK_SIDE] {
@@ -348,8 +358,7 @@ impl Between {
                 below[STEP * x + 1] = self.down[1][channel][row][column];
             }
         }
-        // Next to nothing waves that go below it are left.
-        pixels.map(|value| value.max(0.0))
+        pixels
     }
 }
 

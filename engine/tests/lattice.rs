@@ -8,8 +8,8 @@ mod scenes;
 use glam::{DAffine3, DVec3, Mat3, Vec2, Vec3};
 use oblate_engine::simd::Level;
 use oblate_engine::{
-    Camera, Channels, Cloud, Counts, Frame, Material, Observer, Order, Pose, RenderSettings, Renderer, Scene,
-    Shapes, Splats, Stage, Strength, render,
+    Blend, Camera, Channels, Cloud, Counts, FootprintForm, Frame, Material, Observer, OpacityFilter, Order,
+    Pose, RenderSettings, Renderer, Scene, Shapes, Splats, Stage, Strength, render,
 };
 use scenes::*;
 use std::sync::Mutex;
@@ -61,11 +61,11 @@ fn compare(clouds: Vec<Cloud>, camera: &Camera, settings: &RenderSettings) -> (V
 }
 
 /// A block may be interpolated where its own outermost samples change it by an eighth of the tolerance. A round kernel alone, at 1.75
-/// pixels, is off by six times as much at most, in few of its pixels.
+/// pixels, is off by six times as much at most, in one or two of its pixels: in most by less than half of that.
 fn assert_alike(name: &str, differences: &[f32]) {
     let (most, usual) = (differences[0] / TOLERANCE, differences[differences.len() / 100] / TOLERANCE);
     println!("{name}: {most:.3} tolerances at most, {usual:.3} at 99 %");
-    assert!(most <= 0.75 && usual <= 0.25, "{name}: off by {most} tolerances, by {usual} at 99 %");
+    assert!(most <= 0.75 && usual <= 0.375, "{name}: off by {most} tolerances, by {usual} at 99 %");
 }
 
 /// A dense core in a thin box, in colours that change from place to place, 24 kernels a side.
@@ -121,9 +121,13 @@ fn the_picture_may_end_within_the_volume() {
     for size in [[130, 97], [101, 128], [64, 64]] {
         let pose = Pose::look_at(DVec3::new(0.3, 0.2, -1.6), DVec3::ZERO, DVec3::Y).unwrap();
         let camera = Camera::perspective(pose, 18f64.to_radians(), size).unwrap();
-        assert_alike(&format!("{size:?}"), &compare(vec![core(0.04)], &camera, &colors_only()).0);
+        let (differences, share) = compare(vec![core(0.04)], &camera, &colors_only());
+        assert_alike(&format!("{size:?}"), &differences);
+        assert!(share < 1.0, "{share}");
         let camera = Camera::orthographic(pose, 0.7, size).unwrap();
-        assert_alike(&format!("{size:?}, parallel"), &compare(vec![core(0.04)], &camera, &colors_only()).0);
+        let (differences, share) = compare(vec![core(0.04)], &camera, &colors_only());
+        assert_alike(&format!("{size:?}, parallel"), &differences);
+        assert!(share < 1.0, "{share}");
     }
 }
 
@@ -142,7 +146,9 @@ fn narrow_kernels_among_wide_ones_are_seen() {
         let without = draw(vec![core(0.04)], &near(), &settings);
         let with = draw(clouds.clone(), &near(), &settings);
         assert!(differences(&without, &with)[100] > 10.0 * TOLERANCE, "{name}: they don't show");
-        assert_alike(&name, &compare(clouds, &near(), &settings).0);
+        let (differences, share) = compare(clouds, &near(), &settings);
+        assert_alike(&name, &differences);
+        assert!(share != 1.0, "{name}: there is no lattice");
     }
 }
 
@@ -169,6 +175,42 @@ fn joined(a: &Cloud, b: &Cloud) -> Cloud {
         ..splats.into_iter().next().unwrap()
     })
     .unwrap()
+}
+
+/// A kernel as dense as a stone ends in a step where it is cut off.
+#[test]
+fn borders_of_dense_kernels_are_seen() {
+    for (sigma, optical_depth) in [(0.025, 3.0), (0.035, 6.0), (0.05, 20.0), (0.05, 0.5)] {
+        let mass = optical_depth * std::f32::consts::TAU * f32::powi(sigma, 2);
+        let stone = kernels(vec![Vec3::ZERO], Mat3::from_diagonal(Vec3::splat(sigma)), mass, [0.9, 0.5, 0.1]);
+        let settings = RenderSettings { order: Order::Centers, ..colors_only() };
+        let (differences, share) = compare(vec![stone], &near(), &settings);
+        assert_alike(&format!("σ = {sigma}, τ = {optical_depth}"), &differences);
+        assert!(share != 1.0, "there is no lattice");
+    }
+}
+
+/// Colours are encoded by their ratio to opacities, of which there may be next to none.
+#[test]
+fn nothing_flashes_where_next_to_nothing_is() {
+    let settings = RenderSettings { blend: Blend::Display, ..colors_only() };
+    let (differences, share) = compare(vec![core(0.04)], &near(), &settings);
+    assert_alike("in display space", &differences);
+    assert!(share < 0.6, "{share}");
+}
+
+#[test]
+fn forms_and_opacities_keep_to_it() {
+    let exact = RenderSettings { footprint: FootprintForm::Exact, ..colors_only() };
+    let (differences, share) = compare(vec![core(0.04)], &near(), &exact);
+    assert_alike("exact", &differences);
+    assert!(share < 0.6, "{share}");
+    let mut splats = core(0.04).splats();
+    splats.strength =
+        Strength::Opacity { peaks: vec![0.05; splats.centers.len()], filter: OpacityFilter::Compensated };
+    let (differences, share) = compare(vec![Cloud::new(splats).unwrap()], &near(), &colors_only());
+    assert_alike("opacities", &differences);
+    assert!(share < 0.6, "{share}");
 }
 
 #[test]

@@ -235,7 +235,7 @@ impl Compositor<'_> {
                 spans = Some(own);
             }
             count += todo.count_ones();
-            runs.narrow |= u64::from(todo & kernels.narrow != 0) << here.block;
+            runs.rough |= u64::from(todo & kernels.rough != 0) << here.block;
             if todo & !(whole & kernels.plain) == 0 {
                 let plain = Plain { kernels, set: todo, corner, pixels, segment: None };
                 opening.add_plain::<DEPTH>(simd, plain, policy, &mut opens[0][here.block]);

@@ -37,19 +37,19 @@ pub(crate) struct Runs {
     /// The distance from which on kernels make no difference, for nothing is seen through those before or they lie behind cuts; ∞ if
     /// there is none.
     pub(crate) reached: f32,
-    /// Blocks in which there are narrow kernels.
-    pub(crate) narrow: u64,
+    /// Blocks in which there are rough kernels.
+    pub(crate) rough: u64,
 }
 
 impl Runs {
     pub(crate) fn new() -> Self {
-        Self { segments: Vec::new(), reached: f32::INFINITY, narrow: 0 }
+        Self { segments: Vec::new(), reached: f32::INFINITY, rough: 0 }
     }
 
     /// Clears as many segments as the cuts make.
     #[inline(always)]
     pub(crate) fn clear<S: Simd>(&mut self, simd: S, tile: Tile, segments: usize) {
-        (self.reached, self.narrow) = (f32::INFINITY, 0);
+        (self.reached, self.rough) = (f32::INFINITY, 0);
         self.segments.resize_with(segments.max(self.segments.len()), Vec::new);
         for blocks in &mut self.segments[..segments] {
             blocks.clear();

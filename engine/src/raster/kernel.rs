@@ -39,7 +39,7 @@ pub(crate) struct KernelLens {
     pub(crate) is_taylor: bool,
     /// See [`reach_to_cuts`].
     pub(crate) reach_to_cuts: f32,
-    /// Kernels whose standard deviation in the picture is less, in pixels, are [narrow](Kernels::narrow).
+    /// Kernels whose standard deviation in the picture is less, in pixels, are [rough](Kernels::rough); where it is 0, none are.
     pub(crate) narrowest: f32,
 }
 
@@ -78,9 +78,9 @@ pub(crate) struct Kernels {
     pub(super) opacities: u64,
     /// Those that lie wholly behind the near plane.
     pub(crate) whole: u64,
-    /// Those that pixels may miss: round ones with a standard deviation below a bound, and longer ones with a mean of 1/σ² over the
-    /// directions in the picture as large.
-    pub(crate) narrow: u64,
+    /// Those that pixels a step apart don't tell of: round ones with a standard deviation below a bound, longer ones with a mean of 1/σ²
+    /// over the directions in the picture as large, and those that end where they still show.
+    pub(crate) rough: u64,
     /// Those that each block needs.
     pub(crate) masks: BlockMasks,
 }
@@ -131,7 +131,7 @@ impl Kernels {
         is_taylor: false,
         opacities: 0,
         whole: 0,
-        narrow: 0,
+        rough: 0,
         masks: BlockMasks::NONE,
     };
 
@@ -145,7 +145,7 @@ impl Kernels {
         rect: impl Fn(usize) -> &'a Rect,
     ) {
         self.outlines.begin(records.clone());
-        (self.opacities, self.plain, self.whole, self.narrow) = (0, 0, 0, 0);
+        (self.opacities, self.plain, self.whole, self.rough) = (0, 0, 0, 0);
         self.is_taylor = lens.is_taylor;
         for (number, record) in records.enumerate().take(BATCH) {
             self.outlines.set(number, record);
@@ -170,11 +170,11 @@ impl Kernels {
         }
         self.masks = self.outlines.blocks(simd, tile, !hidden, &rect);
         // Their ellipses may lie between the pixels.
-        let mut narrow = self.narrow & !hidden & self.outlines.all();
-        while narrow != 0 {
-            let number = narrow.trailing_zeros() as usize;
+        let mut rough = self.rough & !hidden & self.outlines.all();
+        while rough != 0 {
+            let number = rough.trailing_zeros() as usize;
             self.masks.add_rect(number, rect(number), tile);
-            narrow &= narrow - 1;
+            rough &= rough - 1;
         }
     }
 
@@ -219,9 +219,15 @@ impl Kernels {
         // Σ_zz is σ_z² and what the slope of the depth adds over the footprint, |M⁻ᵀ slope|².
         let [a, b, c] = sixteen_of(simd, &self.outlines.root, first);
         let slope = sixteen_of(simd, &self.outlines.depth_slope, first);
-        let trace = a.mul_add(a, b.mul_add(b, c * c));
-        let most = 2.0 * HALF_LOG2_E / (lens.narrowest * lens.narrowest);
-        self.narrow |= trace.simd_gt(W::simd_from(simd, most)).to_bitmask() << first;
+        if lens.narrowest > 0.0 {
+            let trace = a.mul_add(a, b.mul_add(b, c * c));
+            let most = 2.0 * HALF_LOG2_E / (lens.narrowest * lens.narrowest);
+            let narrow = trace.simd_gt(W::simd_from(simd, most));
+            // Half of the tolerance at the border, of which an interpolation across it is off by a half. Opacities end below that.
+            let border = exp2_from(simd, -end, -126.0) * amplitude;
+            let rough = narrow | border.simd_gt(W::simd_from(simd, 4.0 * lens.least_alpha));
+            self.rough |= rough.to_bitmask() << first;
+        }
         let x = slope[0] * reciprocal(simd, a);
         let y = (slope[1] - b * x) * reciprocal(simd, c);
         let reach = (x.mul_add(x, y * y) * end).sqrt()

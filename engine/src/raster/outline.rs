@@ -127,6 +127,9 @@ impl Outlines {
                 let root = sixteen(simd, column, first) * (ROOT_HALF_LOG2_E * step);
                 root.store_slice(&mut column[first..first + 16]);
             }
+            if tile.step == 1 {
+                continue;
+            }
             for column in &mut self.depth_slope {
                 let slope = sixteen(simd, column, first) * step;
                 slope.store_slice(&mut column[first..first + 16]);

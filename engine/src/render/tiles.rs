@@ -70,8 +70,8 @@ pub(super) struct TileDrawer<'a> {
 }
 
 impl TileDrawer<'_> {
-    /// Draws what volumes alone send at the pixels of a lattice's tile; where there are surfaces, or nothing is listed, that is
-    /// known without. Gives what [`Self::draw`] gives.
+    /// Draws what volumes alone send at the pixels of a lattice's tile; where there are surfaces it stays unknown. Gives what
+    /// [`Self::draw`] gives.
     pub(super) fn sample(
         &self,
         (lattice, index): (&Lattice, usize),
@@ -91,7 +91,9 @@ impl TileDrawer<'_> {
                 }
             });
             lattice.store(tile, (!has_surfaces).then_some(&*runs));
-            reached.store(runs.reached.to_bits(), Relaxed);
+            // Where nothing is drawn the picture's own tiles say how far they look.
+            let looked = if has_surfaces { 0.0 } else { runs.reached };
+            reached.store(looked.to_bits(), Relaxed);
         });
         counts
     }
@@ -121,7 +123,9 @@ impl TileDrawer<'_> {
                 let mut volumes = volumes;
                 if lattice.is_used() {
                     let tolerance = resolver.settings.tolerance as f32;
-                    open = dispatch!(*level, _simd => lattice.fill(tile, (cuts, tolerance), runs));
+                    if surfaces.is_empty() {
+                        open = dispatch!(*level, _simd => lattice.fill(tile, tolerance, runs));
+                    }
                     reached = lattice.reached(tile);
                     if open == 0 {
                         return [0; 2];
@@ -148,10 +152,10 @@ impl TileDrawer<'_> {
 
 /// Those of a list whose rectangles touch a tile.
 fn touching(list: &[AtomicU32], rects: &[Rect], tile: Tile) -> impl Iterator<Item = AtomicU32> {
-    let ends = tile.origin.map(|origin| [origin as u16, (origin + tile.side) as u16]);
+    let ends = tile.origin.map(|origin| [origin, origin + tile.side]);
     let touches = move |record: &u32| {
         let Rect { min, max } = rects[*record as usize];
-        (0..2).all(|axis| min[axis] < ends[axis][1] && max[axis] > ends[axis][0])
+        (0..2).all(|axis| usize::from(min[axis]) < ends[axis][1] && usize::from(max[axis]) > ends[axis][0])
     };
     list.iter().map(|entry| entry.load(Relaxed)).filter(touches).map(AtomicU32::new)
 }
