@@ -275,3 +275,19 @@ fn threads_change_nothing_and_tiles_and_levels_little() {
         }
     }
 }
+
+#[test]
+fn a_renderer_keeps_nothing_of_earlier_lattices() {
+    let scene = Scene { clouds: vec![core(0.04)], lights: Vec::new() };
+    let small = looking_from(DVec3::new(1.2, 0.9, -2.4), 96);
+    let far = looking_from(DVec3::new(2.4, 1.8, -4.8), 160);
+    let mut renderer = Renderer::new();
+    for (camera, interpolation) in
+        [(near(), true), (small, true), (far, true), (near(), false), (small, true), (near(), true)]
+    {
+        let settings = RenderSettings { interpolation, ..colors_only() };
+        let fresh = render(&scene, &camera, &settings, &()).unwrap();
+        let kept = renderer.render(&scene, &camera, &settings, &()).unwrap();
+        assert!(kept.color == fresh.color, "{:?}, {interpolation}", camera.size());
+    }
+}
