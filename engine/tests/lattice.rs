@@ -197,6 +197,20 @@ fn nothing_flashes_where_next_to_nothing_is() {
     let (differences, share) = compare(vec![core(0.04)], &near(), &settings);
     assert_alike("in display space", &differences);
     assert!(share < 0.6, "{share}");
+    // Waves around two bodies of different colours cancel in the opacity, but not in the colours.
+    for i in 0..24 {
+        let at = |x: f32| move |p: &&Vec3| (**p - Vec3::new(x, 0.0, 0.0)).length() < 0.16;
+        let splats = core(0.04).splats();
+        let ball = |x: f32, color: [f32; 3]| {
+            let centers = splats.centers.iter().filter(at(x)).copied().collect();
+            kernels(centers, Mat3::from_diagonal(Vec3::splat(0.028)), 0.002, color)
+        };
+        let half = 0.2 + 0.005 * i as f32;
+        let clouds = vec![ball(-half, [1.0, 0.02, 0.02]), ball(half, [0.02, 0.02, 1.0])];
+        let (differences, share) = compare(clouds, &near(), &settings);
+        assert!(differences[0] <= TOLERANCE, "bodies {half} to either side: {}", differences[0] / TOLERANCE);
+        assert!(share < 1.0, "{share}");
+    }
 }
 
 #[test]
