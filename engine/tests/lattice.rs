@@ -2,34 +2,17 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
 
-#[path = "scenes/mod.rs"]
 mod scenes;
 
 use glam::{DAffine3, DVec3, Mat3, Vec2, Vec3};
 use oblate_engine::simd::Level;
 use oblate_engine::{
-    Blend, Camera, Channels, Cloud, Counts, FootprintForm, Frame, Material, Observer, OpacityFilter, Order,
-    Pose, RenderSettings, Renderer, Scene, Shapes, Splats, Stage, Strength, render,
+    Blend, Camera, Channels, Cloud, Counts, FootprintForm, Frame, Material, OpacityFilter, Order, Pose,
+    RenderSettings, Renderer, Scene, Shapes, Splats, Strength, render,
 };
 use scenes::*;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 const TOLERANCE: f32 = 1.0 / 255.0;
-
-/// Keeps the counts of a frame, and in how many rounds it was drawn.
-#[derive(Default)]
-struct Counter(Mutex<Counts>, AtomicUsize);
-
-impl Observer for Counter {
-    fn begin(&self, stage: Stage) {
-        self.1.fetch_add(usize::from(stage == Stage::Footprint), Relaxed);
-    }
-
-    fn counts(&self, counts: Counts) {
-        *self.0.lock().unwrap() = counts;
-    }
-}
 
 fn colors_only() -> RenderSettings {
     RenderSettings { channels: Channels::Color, ..unshaded() }

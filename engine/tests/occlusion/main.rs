@@ -9,23 +9,8 @@ mod random;
 mod scenes;
 mod surfaces;
 
-use oblate_engine::{Camera, Cloud, Counts, Frame, Observer, RenderSettings, Scene, Stage, render};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
-
-/// Keeps the counts of a frame, and in how many rounds it was drawn.
-#[derive(Default)]
-struct Counter(Mutex<Counts>, AtomicUsize);
-
-impl Observer for Counter {
-    fn begin(&self, stage: Stage) {
-        self.1.fetch_add(usize::from(stage == Stage::Footprint), Relaxed);
-    }
-
-    fn counts(&self, counts: Counts) {
-        *self.0.lock().unwrap() = counts;
-    }
-}
+use oblate_engine::{Camera, Cloud, Counts, Frame, RenderSettings, Scene, render};
+use scenes::Counter;
 
 fn counted(clouds: &[Cloud], camera: &Camera, settings: &RenderSettings) -> (Frame, Counts) {
     let counter = Counter::default();

@@ -108,7 +108,7 @@ fn a_fence_is_taken_for_a_wall_and_what_is_behind_is_seen_through_it() {
     assert!(greenest > 0.5, "{greenest}");
     let rounds = |occlusion: bool| {
         let (scene, counter) =
-            (Scene { clouds: clouds.clone(), lights: Vec::new() }, crate::Counter::default());
+            (Scene { clouds: clouds.clone(), lights: Vec::new() }, crate::scenes::Counter::default());
         let settings = RenderSettings { occlusion, ..unshaded() };
         oblate_engine::render(&scene, &camera, &settings, &counter).unwrap();
         counter.1.into_inner()
@@ -171,7 +171,7 @@ fn the_picture_is_the_same_for_any_number_of_threads_and_side_of_tiles() {
     let draw = |threads: usize, side: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let mut renderer = Renderer::with(oblate_engine::simd::Level::best(), side);
-        let counter = crate::Counter::default();
+        let counter = crate::scenes::Counter::default();
         let settings = RenderSettings::default();
         pool.install(|| renderer.render(&scene, &camera(4.2, 200), &settings, &counter).map(|_| ())).unwrap();
         (renderer.into_frame(), counter.0.into_inner().unwrap())

@@ -9,8 +9,25 @@
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
 use oblate_engine::cloud::oblate_factor;
 use oblate_engine::{
-    Camera, Cloud, Frame, Material, Pose, RenderSettings, Scene, Shapes, Splats, Strength, Surface, render,
+    Camera, Cloud, Counts, Frame, Material, Observer, Pose, RenderSettings, Scene, Shapes, Splats, Stage,
+    Strength, Surface, render,
 };
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+/// Keeps the counts of a frame, and in how many rounds it was drawn.
+#[derive(Default)]
+pub struct Counter(pub Mutex<Counts>, pub AtomicUsize);
+
+impl Observer for Counter {
+    fn begin(&self, stage: Stage) {
+        self.1.fetch_add(usize::from(stage == Stage::Footprint), Relaxed);
+    }
+
+    fn counts(&self, counts: Counts) {
+        *self.0.lock().unwrap() = counts;
+    }
+}
 
 /// A camera `distance` in front of the origin on the −z side, looking along +z with +y up.
 pub fn camera(distance: f64, size: u32) -> Camera {
