@@ -35,6 +35,7 @@ struct Peel<S: Simd> {
 }
 
 /// Sums over the samples of a layer.
+#[derive(Clone, Copy)]
 struct Sums<S: Simd> {
     /// Of the splats that show their front, and of those that show their back. The two sides of a thin sheet would
     /// cancel, so their normals are never added.
@@ -148,7 +149,34 @@ pub(crate) struct LayerBuffers {
     /// Of a block: the records of each batch that may be of use.
     rest: Vec<u64>,
     /// Those that the layer may have samples of.
-    listed: Vec<Listed>,
+    listed: List,
+}
+
+/// Records of a block, in a buffer with room for all: where it might grow no processor would keep sums in registers.
+#[derive(Default)]
+struct List {
+    room: Vec<Listed>,
+    used: usize,
+}
+
+impl List {
+    /// Makes room for so many.
+    fn reserve(&mut self, count: usize) {
+        self.room.resize(count.max(self.room.len()), Listed::NONE);
+    }
+
+    /// Adds one.
+    #[inline(always)]
+    fn next(&mut self) -> &mut Listed {
+        let next = &mut self.room[self.used];
+        self.used += 1;
+        next
+    }
+
+    #[inline(always)]
+    fn all(&self) -> &[Listed] {
+        &self.room[..self.used]
+    }
 }
 
 /// A record of a block and its samples, which are taken once a layer.
@@ -254,9 +282,11 @@ impl LayerBuilder<'_> {
         let batches = &batches[..*used];
         rest.clear();
         rest.extend(batches.iter().map(|surfels| surfels.masks.of(block)));
-        if rest.iter().all(|set| *set == 0) {
+        let count = rest.iter().map(|set| set.count_ones() as usize).sum();
+        if count == 0 {
             return 0;
         }
+        listed.reserve(count);
         let infinity = W::simd_from(simd, f32::INFINITY);
         let wanted = tile.inside(simd, block).select(infinity, -infinity);
         let no_record = u32x16::simd_from(simd, Cut::NO_RECORD);
@@ -278,7 +308,7 @@ impl LayerBuilder<'_> {
                 #[inline(always)]
                 || self.find_first(simd, (batches, here), (rest, listed), &mut peel),
             );
-            let Some(any) = listed.first() else { break };
+            let Some(any) = listed.all().first() else { break };
             if peel.takes_all {
                 peel.limit = peel.depth.simd_gt(-infinity).select(infinity, -infinity);
             }
@@ -286,7 +316,7 @@ impl LayerBuilder<'_> {
             evaluated += apart(
                 simd,
                 #[inline(always)]
-                || self.sum_up(simd, (batches, here), (rest, listed), (&peel, &mut sums)),
+                || self.sum_up(simd, (batches, here), (rest, listed.all()), (&peel, &mut sums)),
             );
             let cut = cuts.next();
             let [found, goes_on] = apart(
@@ -312,7 +342,7 @@ impl LayerBuilder<'_> {
         &self,
         simd: S,
         (batches, here): (&[Surfels], Here<S>),
-        (rest, listed): (&mut [u64], &mut Vec<Listed>),
+        (rest, listed): (&mut [u64], &mut List),
         peel: &mut Peel<S>,
     ) -> u64 {
         let infinity = W::simd_from(simd, f32::INFINITY);
@@ -327,7 +357,7 @@ impl LayerBuilder<'_> {
         let mut evaluated = 0;
         // Again where a nearer first sample has a farther limit than those by which others were left out.
         for _ in 0..2 {
-            listed.clear();
+            listed.used = 0;
             search.skipped = f32::INFINITY;
             for batch in 0..batches.len() {
                 if rest[batch] != 0 {
@@ -348,7 +378,7 @@ impl LayerBuilder<'_> {
         &self,
         simd: S,
         (batches, here, batch): (&[Surfels], Here<S>, usize),
-        (rest, listed): (&mut [u64], &mut Vec<Listed>),
+        (rest, listed): (&mut [u64], &mut List),
         (search, peel): (&mut Search<S>, &mut Peel<S>),
     ) -> u64 {
         let surfels = &batches[batch];
@@ -392,21 +422,16 @@ impl LayerBuilder<'_> {
                 let weight = inside.select(surfel.weight(simd, &sample, here.pixels, &self.lens), zero);
                 let nearer = inside & sample.depth.simd_lt(depth);
                 depth = nearer.select(sample.depth, depth);
-                firsts = nearer.select(u32x16::simd_from(simd, listed.len() as u32), firsts);
-                let mut entry = Listed {
-                    depth: Plane::ZERO,
-                    weight: Plane::ZERO,
-                    batch: batch as u32,
-                    number: number as u32,
-                    nearest: nearest[number],
-                };
+                firsts = nearer.select(u32x16::simd_from(simd, listed.used as u32), firsts);
+                let entry = listed.next();
                 entry.depth.store(sample.depth);
                 entry.weight.store(weight);
-                listed.push(entry);
+                (entry.batch, entry.number) = (batch as u32, number as u32);
+                entry.nearest = nearest[number];
             }
         }
         peel.depth = depth;
-        self.limit(simd, (batches, here), (listed, firsts), peel);
+        self.limit(simd, (batches, here), (listed.all(), firsts), peel);
         if !peel.takes_all {
             search.farthest = peel.limit.reduce_max();
         }
@@ -449,14 +474,16 @@ impl LayerBuilder<'_> {
         let is_open = peel.record.simd_ne(u32x16::simd_from(simd, Cut::NO_RECORD));
         let farthest = is_open.select(peel.limit, -infinity).reduce_max();
         let mut evaluated = 0;
+        let mut own_sums = *sums;
         for candidate in listed.iter().filter(|candidate| candidate.nearest <= farthest) {
             let surfel = candidate.of(batches);
             let depth = candidate.depth.load(simd);
             let mut weight = candidate.weight.load(simd);
-            // Only where what is seen lies behind the limit it matters where the plane is: spans begin before.
+            // Only where what is seen begins behind the limit it matters where the plane is: spans begin there or before.
             let is_seen = weight.simd_gt(zero);
             let mut has_others = false;
-            if (is_seen & depth.simd_gt(peel.limit)).any_true() {
+            let limit = peel.limit + surfel.least_reach();
+            if (is_seen & depth.simd_gt(limit)).any_true() {
                 evaluated += 1;
                 let sample = surfel.sample(simd, here.pixels, &self.lens);
                 let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
@@ -469,8 +496,9 @@ impl LayerBuilder<'_> {
             }
             // Where no sample was found the difference is infinite.
             let behind = weight.simd_gt(zero).select(depth - peel.depth, zero);
-            sums.add(simd, surfel, &here, [weight, behind]);
+            own_sums.add(simd, surfel, &here, [weight, behind]);
         }
+        *sums = own_sums;
         evaluated
     }
 
@@ -530,6 +558,9 @@ impl LayerBuilder<'_> {
 }
 
 impl Listed {
+    const NONE: Self =
+        Self { depth: Plane::ZERO, weight: Plane::ZERO, batch: 0, number: 0, nearest: f32::INFINITY };
+
     #[inline(always)]
     fn of(self, batches: &[Surfels]) -> &Surfel {
         batches[self.batch as usize].get(self.number as usize)

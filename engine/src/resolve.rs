@@ -10,6 +10,7 @@ use crate::shade::Shader;
 use crate::simd::*;
 use crate::tile::{BLOCK_SIDE, PIXELS, Tile, pixels};
 use glam::DMat3;
+use std::sync::{Mutex, PoisonError};
 
 /// Finishes pixels.
 pub(crate) struct Resolver<'a> {
@@ -23,24 +24,36 @@ pub(crate) struct Resolver<'a> {
     pub(crate) camera_to_world: DMat3,
 }
 
+/// A block's pixels, linear and premultiplied, and what else there is of them where it is asked for.
+pub(crate) struct Resolved {
+    color: [[f32; 4]; PIXELS],
+    seen: Seen,
+}
+
+impl Resolved {
+    const NONE: Self = Self { color: [[0.0; 4]; PIXELS], seen: Seen::CLEAR };
+}
+
 impl Resolver<'_> {
-    /// Finishes a tile and writes it into the rows of the frame that it belongs to. Without a list there are no
-    /// `runs`.
+    /// Finishes a tile and writes it into the rows of the frame that it belongs to, which others wait for only while it is written.
+    /// Without a list there are no `runs`.
     #[inline(always)]
     pub(crate) fn tile<S: Simd>(
         &self,
         simd: S,
         tile: Tile,
         (cuts, runs): (&Cuts, Option<&Runs>),
-        rows: &mut FrameRows,
+        (resolved, rows): (&mut Vec<Resolved>, &Mutex<FrameRows>),
     ) {
         let background = self.background(simd);
         let empty = self.color(simd, Seeing::load(simd, &Seen::CLEAR), background);
+        let has_rest = self.settings.channels == Channels::All;
+        resolved.resize_with(tile.blocks().max(resolved.len()), || Resolved::NONE);
         for block in tile.visible_blocks() {
             let seen = self.block(simd, tile, block, (cuts, runs));
             // Most blocks of many pictures show nothing.
             let is_empty = !seen.opacity.simd_gt(W::simd_from(simd, 0.0)).any_true();
-            let color = if is_empty {
+            resolved[block].color = if is_empty {
                 empty
             } else {
                 apart(
@@ -49,17 +62,23 @@ impl Resolver<'_> {
                     || self.color(simd, seen, background),
                 )
             };
+            if has_rest {
+                seen.store(&mut resolved[block].seen);
+            }
+        }
+        let mut rows = rows.lock().unwrap_or_else(PoisonError::into_inner);
+        for block in tile.visible_blocks() {
+            let Resolved { color, seen } = &resolved[block];
             let [columns, height] = tile.visible(block);
             let [left, top] = tile.corner(block);
             let place = |row: usize| rows.place(tile.origin[0] + left, top + row);
             let places: [usize; BLOCK_SIDE] = std::array::from_fn(place);
-            let pixels = places[..height].iter().zip(color.chunks(BLOCK_SIDE));
-            for (place, color) in pixels {
+            for (place, color) in places[..height].iter().zip(color.chunks(BLOCK_SIDE)) {
                 rows.color[*place..*place + columns].copy_from_slice(&color[..columns]);
             }
-            if rows.channels == Channels::All {
+            if has_rest {
                 let cut = cuts.layers(block).next().unwrap_or(&Cut::NONE);
-                self.store_rest(simd, (seen, cut), (&places[..height], columns), rows);
+                self.store_rest(simd, (seen, cut), (&places[..height], columns), &mut rows);
             }
         }
     }
@@ -176,14 +195,11 @@ impl Resolver<'_> {
     fn store_rest<S: Simd>(
         &self,
         simd: S,
-        (seen, cut): (Seeing<S>, &Cut),
+        (seen, cut): (&Seen, &Cut),
         (places, columns): (&[usize], usize),
         rows: &mut FrameRows,
     ) {
-        let [depth, opacity, median]: [[f32; PIXELS]; 3] = [seen.depth, seen.opacity, seen.median].each(
-            #[inline(always)]
-            |v| v.into(),
-        );
+        let [depth, opacity, median] = [&seen.depth, &seen.opacity, &seen.median].map(|plane| &plane.0);
         let normals: [[f32; PIXELS]; 3] = self.in_world(simd, cut).each(
             #[inline(always)]
             |v| v.into(),

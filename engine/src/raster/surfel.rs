@@ -215,6 +215,12 @@ impl Surfel {
         }
     }
 
+    /// Spans begin as far, or farther, before where the surfel is seen.
+    #[inline(always)]
+    pub(crate) fn least_reach(&self) -> f32 {
+        if self.is_exact { 0.0 } else { 3.0 * self.sigma_z }
+    }
+
     /// n·v over the coverage floor in the exact form.
     #[inline(always)]
     pub(crate) fn exact_facing<S: Simd>(&self, simd: S, pixels: [W<S>; 2]) -> W<S> {

@@ -9,7 +9,7 @@ use crate::lattice::{Lattice, STEP};
 use crate::layers::{LayerBuffers, LayerBuilder};
 use crate::observer::{Observer, Stage};
 use crate::occlusion::Looked;
-use crate::resolve::Resolver;
+use crate::resolve::{Resolved, Resolver};
 use crate::simd::{Level, dispatch};
 use crate::tile::Tile;
 use rayon::prelude::*;
@@ -24,6 +24,7 @@ pub(super) struct TileBuffers {
     runs: Runs,
     /// What of a longer list touches a tile.
     list: Vec<AtomicU32>,
+    resolved: Vec<Resolved>,
 }
 
 impl TileBuffers {
@@ -34,6 +35,7 @@ impl TileBuffers {
             kernels: KernelBuffers::default(),
             runs: Runs::new(),
             list: Vec::new(),
+            resolved: Vec::new(),
         }
     }
 }
@@ -107,7 +109,7 @@ impl TileDrawer<'_> {
         (lattice, band): (&Lattice, &Mutex<FrameRows>),
     ) -> [u64; 2] {
         let Self { layers: builder, compositor, resolver, looked, observer, level } = self;
-        let TileBuffers { layers, cuts, kernels, runs, list } = buffers;
+        let TileBuffers { layers, cuts, kernels, runs, list, resolved } = buffers;
         let mut counts = [0; 2];
         counts[0] = watched(
             *observer,
@@ -142,9 +144,8 @@ impl TileDrawer<'_> {
         }
         looked.store(tile, cuts, reached);
         watched(*observer, Stage::Resolve, || {
-            let mut rows = band.lock().unwrap_or_else(PoisonError::into_inner);
             let runs = has_runs.then_some(&*runs);
-            dispatch!(*level, simd => resolver.tile(simd, tile, (cuts, runs), &mut rows));
+            dispatch!(*level, simd => resolver.tile(simd, tile, (cuts, runs), (resolved, band)));
         });
         counts
     }
