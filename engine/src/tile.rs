@@ -1,5 +1,6 @@
 //! Tiles of the picture, and their pixels as the rasterizer keeps them: in blocks of 4×4, each of which fills a register.
 
+use crate::footprint::Rect;
 use crate::simd::*;
 
 /// The largest side of a tile in pixels.
@@ -84,6 +85,21 @@ impl Tile {
     #[inline(always)]
     pub(crate) fn blocks(self) -> usize {
         self.blocks_a_side() * self.blocks_a_side()
+    }
+
+    /// The blocks that a rectangle touches, as bits.
+    #[inline(always)]
+    pub(crate) fn blocks_of(self, rect: &Rect) -> u64 {
+        let side = self.blocks_a_side();
+        let range = |axis: usize| {
+            let place = |pixel: u16| usize::from(pixel).saturating_sub(self.origin[axis]).min(self.side);
+            [place(rect.min[axis]) / BLOCK_SIDE, place(rect.max[axis]).div_ceil(BLOCK_SIDE)]
+        };
+        let below = |count: usize| u64::MAX.checked_shr(64 - count as u32).unwrap_or(0);
+        let ([left, right], [top, bottom]) = (range(0), range(1));
+        let columns = below(right * side) & !below(left * side);
+        let first_row: u64 = (0..side).map(|column| 1 << (column * side)).sum();
+        columns & ((below(bottom) & !below(top)) * first_row)
     }
 
     /// Where a block's first pixel is, from the tile's.

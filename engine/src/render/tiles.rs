@@ -11,7 +11,7 @@ use crate::observer::{Observer, Stage};
 use crate::occlusion::Looked;
 use crate::resolve::{Resolved, Resolver};
 use crate::simd::{Level, dispatch};
-use crate::tile::Tile;
+use crate::tile::{BLOCK_SIDE, Tile};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};
@@ -133,7 +133,7 @@ impl TileDrawer<'_> {
                         return [0; 2];
                     }
                     list.clear();
-                    list.extend(touching(volumes, compositor.rects, tile));
+                    list.extend(touching(volumes, compositor.rects, (tile, open)));
                     volumes = list;
                 }
                 let found = dispatch!(*level, simd => compositor.add(simd, (tile, volumes, open), cuts, (kernels, runs)));
@@ -151,12 +151,25 @@ impl TileDrawer<'_> {
     }
 }
 
-/// Those of a list whose rectangles touch a tile.
-fn touching(list: &[AtomicU32], rects: &[Rect], tile: Tile) -> impl Iterator<Item = AtomicU32> {
-    let ends = tile.origin.map(|origin| [origin, origin + tile.side]);
+/// Those of a list whose rectangles touch a set of a tile's blocks.
+fn touching(
+    list: &[AtomicU32],
+    rects: &[Rect],
+    (tile, blocks): (Tile, u64),
+) -> impl Iterator<Item = AtomicU32> {
+    // First by the rectangle around them, which most are beside.
+    let mut around = [[usize::MAX, 0]; 2];
+    for block in tile.visible_blocks().filter(|block| blocks >> block & 1 != 0) {
+        for (axis, [first, end]) in around.iter_mut().enumerate() {
+            let from = tile.origin[axis] + tile.corner(block)[axis];
+            (*first, *end) = ((*first).min(from), (*end).max(from + BLOCK_SIDE));
+        }
+    }
     let touches = move |record: &u32| {
-        let Rect { min, max } = rects[*record as usize];
-        (0..2).all(|axis| usize::from(min[axis]) < ends[axis][1] && usize::from(max[axis]) > ends[axis][0])
+        let rect @ Rect { min, max } = &rects[*record as usize];
+        (0..2)
+            .all(|axis| usize::from(min[axis]) < around[axis][1] && usize::from(max[axis]) > around[axis][0])
+            && tile.blocks_of(rect) & blocks != 0
     };
     list.iter().map(|entry| entry.load(Relaxed)).filter(touches).map(AtomicU32::new)
 }
