@@ -166,3 +166,33 @@ pub(crate) fn pixels<S: Simd>(simd: S, corner: [f32; 2]) -> [W<S>; 2] {
         [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];
     [W::simd_from(simd, COLUMNS) + corner[0], W::simd_from(simd, ROWS) + corner[1]]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn blocks_of_a_rectangle_are_those_with_pixels_of_it(
+            min in prop::array::uniform2(0..120_u16),
+            lengths in prop::array::uniform2(1..60_u16),
+            side in prop_oneof![Just(8_usize), Just(16), Just(32)],
+        ) {
+            let tile = Tile::new([1, 2], side, [200, 200]);
+            let rect = Rect { min, max: [min[0] + lengths[0], min[1] + lengths[1]] };
+            let mut expected = 0;
+            for block in 0..tile.blocks() {
+                let corner = tile.corner(block);
+                let touches = |axis: usize| {
+                    let first = tile.origin[axis] + corner[axis];
+                    usize::from(rect.min[axis]) < first + BLOCK_SIDE && usize::from(rect.max[axis]) > first
+                };
+                expected |= u64::from(touches(0) && touches(1)) << block;
+            }
+            prop_assert_eq!(tile.blocks_of(&rect), expected);
+        }
+    }
+}
