@@ -65,14 +65,12 @@ impl Frame {
     /// The frame in bands of `height` rows, the last may be lower.
     pub(crate) fn bands(&mut self, height: usize) -> impl Iterator<Item = FrameRows<'_>> {
         let (width, size) = (self.width, self.width * height);
-        let channels = if self.depth.is_empty() { Channels::Color } else { Channels::All };
         let mut depth = self.depth.chunks_mut(size);
         let mut expected_depth = self.expected_depth.chunks_mut(size);
         let mut median_depth = self.median_depth.chunks_mut(size);
         let mut normal = self.normal.chunks_mut(size);
         let mut id = self.id.chunks_mut(size);
         self.color.chunks_mut(size).map(move |color| FrameRows {
-            channels,
             width,
             color,
             depth: depth.next().unwrap_or_default(),
@@ -86,7 +84,6 @@ impl Frame {
 
 /// Some rows of a frame.
 pub(crate) struct FrameRows<'a> {
-    pub(crate) channels: Channels,
     width: usize,
     pub(crate) color: &'a mut [[f32; 4]],
     pub(crate) depth: &'a mut [f32],
