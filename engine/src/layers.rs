@@ -392,7 +392,12 @@ impl LayerBuilder<'_> {
         );
         let mut nearest = [0.0; BATCH];
         let depths = (&self.lens, [search.done, search.farthest]);
-        let between = surfels.between(simd, ((middle, HALF_BLOCK), set), depths, &mut nearest);
+        // Before anything was found all may be first.
+        let between = if search.is_behind || search.farthest < f32::INFINITY {
+            surfels.between(simd, ((middle, HALF_BLOCK), set), depths, &mut nearest)
+        } else {
+            surfels.all_of(set, &mut nearest)
+        };
         rest[batch] &= !between.ahead;
         search.skipped = search.skipped.min(between.next);
         let mut evaluated = 0;

@@ -360,6 +360,15 @@ impl Surfels {
         set
     }
 
+    /// All of a set; puts down before what depth no span of theirs begins in the tile.
+    #[inline(always)]
+    pub(crate) fn all_of(&self, set: u64, nearest: &mut Column) -> Between {
+        for (nearest, of_sixteen) in nearest.chunks_exact_mut(16).zip(self.nearest) {
+            nearest.fill(of_sixteen);
+        }
+        Between { ahead: 0, within: set, next: f32::INFINITY }
+    }
+
     /// Which of a set may have samples between two depths in the square of pixels around a middle. Puts down before what
     /// depth no span of theirs begins.
     #[inline(always)]
