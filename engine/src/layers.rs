@@ -152,7 +152,7 @@ pub(crate) struct LayerBuffers {
     listed: List,
 }
 
-/// Records of a block, in a buffer with room for all: where it might grow no processor would keep sums in registers.
+/// Records of a block. There is room before a batch comes: in a loop in which it might grow nothing would stay in registers.
 #[derive(Default)]
 struct List {
     room: Vec<Listed>,
@@ -160,9 +160,11 @@ struct List {
 }
 
 impl List {
-    /// Makes room for so many.
+    /// Makes room for as many more.
     fn reserve(&mut self, count: usize) {
-        self.room.resize(count.max(self.room.len()), Listed::NONE);
+        if self.used + count > self.room.len() {
+            self.room.resize(self.used + count, Listed::NONE);
+        }
     }
 
     /// Adds one.
@@ -282,11 +284,9 @@ impl LayerBuilder<'_> {
         let batches = &batches[..*used];
         rest.clear();
         rest.extend(batches.iter().map(|surfels| surfels.masks.of(block)));
-        let count = rest.iter().map(|set| set.count_ones() as usize).sum();
-        if count == 0 {
+        if rest.iter().all(|set| *set == 0) {
             return 0;
         }
-        listed.reserve(count);
         let infinity = W::simd_from(simd, f32::INFINITY);
         let wanted = tile.inside(simd, block).select(infinity, -infinity);
         let no_record = u32x16::simd_from(simd, Cut::NO_RECORD);
@@ -398,6 +398,7 @@ impl LayerBuilder<'_> {
         } else {
             surfels.all_of(set, &mut nearest)
         };
+        listed.reserve(BATCH);
         rest[batch] &= !between.ahead;
         search.skipped = search.skipped.min(between.next);
         let mut evaluated = 0;
@@ -479,6 +480,7 @@ impl LayerBuilder<'_> {
         let is_open = peel.record.simd_ne(u32x16::simd_from(simd, Cut::NO_RECORD));
         let farthest = is_open.select(peel.limit, -infinity).reduce_max();
         let mut evaluated = 0;
+        // Behind a reference they would stay in memory.
         let mut own_sums = *sums;
         for candidate in listed.iter().filter(|candidate| candidate.nearest <= farthest) {
             let surfel = candidate.of(batches);
