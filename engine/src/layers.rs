@@ -35,7 +35,6 @@ struct Peel<S: Simd> {
 }
 
 /// Sums over the samples of a layer.
-#[derive(Clone, Copy)]
 struct Sums<S: Simd> {
     /// Of the splats that show their front, and of those that show their back. The two sides of a thin sheet would
     /// cancel, so their normals are never added.
@@ -155,6 +154,7 @@ pub(crate) struct LayerBuffers {
 /// Records of a block. There is room before a batch comes: in a loop in which it might grow nothing would stay in registers.
 #[derive(Default)]
 struct List {
+    /// Behind those that are used there is old content.
     room: Vec<Listed>,
     used: usize,
 }
@@ -312,12 +312,13 @@ impl LayerBuilder<'_> {
             if peel.takes_all {
                 peel.limit = peel.depth.simd_gt(-infinity).select(infinity, -infinity);
             }
-            let mut sums = Sums::zero(simd, any.of(batches).color);
-            evaluated += apart(
+            let sums = Sums::zero(simd, any.of(batches).color);
+            let (sums, count) = apart(
                 simd,
                 #[inline(always)]
-                || self.sum_up(simd, (batches, here), (rest, listed.all()), (&peel, &mut sums)),
+                || self.sum_up(simd, (batches, here), (rest, listed.all()), (&peel, sums)),
             );
+            evaluated += count;
             let cut = cuts.next();
             let [found, goes_on] = apart(
                 simd,
@@ -392,7 +393,7 @@ impl LayerBuilder<'_> {
         );
         let mut nearest = [0.0; BATCH];
         let depths = (&self.lens, [search.done, search.farthest]);
-        // Before anything was found all may be first.
+        // While a pixel has found nothing all may be first: bounds would leave nothing out.
         let between = if search.is_behind || search.farthest < f32::INFINITY {
             surfels.between(simd, ((middle, HALF_BLOCK), set), depths, &mut nearest)
         } else {
@@ -467,21 +468,20 @@ impl LayerBuilder<'_> {
         }
     }
 
-    /// Sums up the samples that belong to the layer. Takes records out of the rest that have none behind it.
+    /// Sums up the samples that belong to the layer, and says how many were evaluated again. Takes records out of the rest that have none
+    /// behind it.
     #[inline(always)]
     fn sum_up<S: Simd>(
         &self,
         simd: S,
         (batches, here): (&[Surfels], Here<S>),
         (rest, listed): (&mut [u64], &[Listed]),
-        (peel, sums): (&Peel<S>, &mut Sums<S>),
-    ) -> u64 {
+        (peel, mut sums): (&Peel<S>, Sums<S>),
+    ) -> (Sums<S>, u64) {
         let (zero, infinity) = (W::simd_from(simd, 0.0), W::simd_from(simd, f32::INFINITY));
         let is_open = peel.record.simd_ne(u32x16::simd_from(simd, Cut::NO_RECORD));
         let farthest = is_open.select(peel.limit, -infinity).reduce_max();
         let mut evaluated = 0;
-        // Behind a reference they would stay in memory.
-        let mut own_sums = *sums;
         for candidate in listed.iter().filter(|candidate| candidate.nearest <= farthest) {
             let surfel = candidate.of(batches);
             let depth = candidate.depth.load(simd);
@@ -503,10 +503,9 @@ impl LayerBuilder<'_> {
             }
             // Where no sample was found the difference is infinite.
             let behind = weight.simd_gt(zero).select(depth - peel.depth, zero);
-            own_sums.add(simd, surfel, &here, [weight, behind]);
+            sums.add(simd, surfel, &here, [weight, behind]);
         }
-        *sums = own_sums;
-        evaluated
+        (sums, evaluated)
     }
 
     /// Turns the sums of a layer into a cut and makes ready for the next; says whether any pixel has a sample, and

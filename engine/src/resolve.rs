@@ -10,6 +10,7 @@ use crate::shade::Shader;
 use crate::simd::*;
 use crate::tile::{BLOCK_SIDE, PIXELS, Tile, pixels};
 use glam::DMat3;
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 /// Finishes pixels.
@@ -24,18 +25,28 @@ pub(crate) struct Resolver<'a> {
     pub(crate) camera_to_world: DMat3,
 }
 
-/// A block's pixels, linear and premultiplied, and what else there is of them where it is asked for.
+/// The pixels of a tile's blocks, before they are written.
+#[derive(Default)]
 pub(crate) struct Resolved {
-    color: [[f32; 4]; PIXELS],
-    seen: Seen,
+    /// Linear and premultiplied.
+    colors: Vec<[[f32; 4]; PIXELS]>,
+    /// All other channels, where they are asked for.
+    rests: Vec<Rest>,
 }
 
-impl Resolved {
-    const NONE: Self = Self { color: [[0.0; 4]; PIXELS], seen: Seen::CLEAR };
+/// All channels of a block but the colour.
+#[derive(Clone, Copy)]
+struct Rest {
+    expected_depth: [f32; PIXELS],
+    median_depth: [f32; PIXELS],
+    depth: [f32; PIXELS],
+    /// Of the world.
+    normals: [[f32; PIXELS]; 3],
+    ids: [u32; PIXELS],
 }
 
 impl Resolver<'_> {
-    /// Finishes a tile and writes it into the rows of the frame that it belongs to, which others wait for only while it is written.
+    /// Finishes a tile, then writes it into the rows of the frame that it belongs to; others wait for these only meanwhile.
     /// Without a list there are no `runs`.
     #[inline(always)]
     pub(crate) fn tile<S: Simd>(
@@ -43,17 +54,18 @@ impl Resolver<'_> {
         simd: S,
         tile: Tile,
         (cuts, runs): (&Cuts, Option<&Runs>),
-        (resolved, rows): (&mut Vec<Resolved>, &Mutex<FrameRows>),
+        (Resolved { colors, rests }, rows): (&mut Resolved, &Mutex<FrameRows>),
     ) {
         let background = self.background(simd);
         let empty = self.color(simd, Seeing::load(simd, &Seen::CLEAR), background);
         let has_rest = self.settings.channels == Channels::All;
-        resolved.resize_with(tile.blocks().max(resolved.len()), || Resolved::NONE);
+        colors.resize(tile.blocks(), [[0.0; 4]; PIXELS]);
+        rests.resize(if has_rest { tile.blocks() } else { 0 }, Rest::NONE);
         for block in tile.visible_blocks() {
             let seen = self.block(simd, tile, block, (cuts, runs));
             // Most blocks of many pictures show nothing.
             let is_empty = !seen.opacity.simd_gt(W::simd_from(simd, 0.0)).any_true();
-            resolved[block].color = if is_empty {
+            colors[block] = if is_empty {
                 empty
             } else {
                 apart(
@@ -63,22 +75,23 @@ impl Resolver<'_> {
                 )
             };
             if has_rest {
-                seen.store(&mut resolved[block].seen);
+                let cut = cuts.layers(block).next().unwrap_or(&Cut::NONE);
+                rests[block] = self.rest(simd, seen, cut);
             }
         }
         let mut rows = rows.lock().unwrap_or_else(PoisonError::into_inner);
         for block in tile.visible_blocks() {
-            let Resolved { color, seen } = &resolved[block];
             let [columns, height] = tile.visible(block);
             let [left, top] = tile.corner(block);
             let place = |row: usize| rows.place(tile.origin[0] + left, top + row);
             let places: [usize; BLOCK_SIDE] = std::array::from_fn(place);
-            for (place, color) in places[..height].iter().zip(color.chunks(BLOCK_SIDE)) {
+            for (place, color) in places[..height].iter().zip(colors[block].chunks(BLOCK_SIDE)) {
                 rows.color[*place..*place + columns].copy_from_slice(&color[..columns]);
             }
-            if has_rest {
-                let cut = cuts.layers(block).next().unwrap_or(&Cut::NONE);
-                self.store_rest(simd, (seen, cut), (&places[..height], columns), &mut rows);
+            if let Some(rest) = rests.get(block) {
+                for (place, first) in places[..height].iter().zip((0..).step_by(BLOCK_SIDE)) {
+                    rest.write(first..first + columns, *place..*place + columns, &mut rows);
+                }
             }
         }
     }
@@ -190,32 +203,23 @@ impl Resolver<'_> {
         std::array::from_fn(|pixel| channels.map(|channel| channel[pixel]))
     }
 
-    /// All channels but the colour, for the places of a block's rows and a number of columns.
+    /// All channels but the colour.
     #[inline(always)]
-    fn store_rest<S: Simd>(
-        &self,
-        simd: S,
-        (seen, cut): (&Seen, &Cut),
-        (places, columns): (&[usize], usize),
-        rows: &mut FrameRows,
-    ) {
-        let [depth, opacity, median] = [&seen.depth, &seen.opacity, &seen.median].map(|plane| &plane.0);
-        let normals: [[f32; PIXELS]; 3] = self.in_world(simd, cut).each(
-            #[inline(always)]
-            |v| v.into(),
-        );
-        for (row, first) in places.iter().enumerate() {
-            for (place, pixel) in (*first..*first + columns).zip(row * BLOCK_SIDE..) {
-                rows.expected_depth[place] =
-                    if opacity[pixel] > 0.0 { depth[pixel] / opacity[pixel] } else { f32::INFINITY };
-                rows.median_depth[place] = median[pixel];
-                rows.depth[place] = cut.depth.0[pixel];
-                rows.normal[place] = normals.map(|normal| normal[pixel]);
-                rows.id[place] = match cut.record[pixel] {
-                    Cut::NO_RECORD => Frame::NO_ID,
-                    index => self.samples[index as usize].id,
-                };
-            }
+    fn rest<S: Simd>(&self, simd: S, seen: Seeing<S>, cut: &Cut) -> Rest {
+        let (zero, infinity) = (W::simd_from(simd, 0.0), W::simd_from(simd, f32::INFINITY));
+        let some = seen.opacity.simd_gt(zero);
+        Rest {
+            expected_depth: some.select(seen.depth / seen.opacity, infinity).into(),
+            median_depth: seen.median.into(),
+            depth: cut.depth.0,
+            normals: self.in_world(simd, cut).each(
+                #[inline(always)]
+                |v| v.into(),
+            ),
+            ids: cut.record.map(|record| match record {
+                Cut::NO_RECORD => Frame::NO_ID,
+                index => self.samples[index as usize].id,
+            }),
         }
     }
 
@@ -239,6 +243,27 @@ impl Resolver<'_> {
             #[inline(always)]
             |v| is_one.select(v * inverse, W::simd_from(simd, 0.0)),
         )
+    }
+}
+
+impl Rest {
+    const NONE: Self = Self {
+        expected_depth: [f32::INFINITY; PIXELS],
+        median_depth: [f32::INFINITY; PIXELS],
+        depth: [f32::INFINITY; PIXELS],
+        normals: [[0.0; PIXELS]; 3],
+        ids: [Frame::NO_ID; PIXELS],
+    };
+
+    /// Writes some of the pixels to as many places.
+    fn write(&self, own: Range<usize>, places: Range<usize>, rows: &mut FrameRows) {
+        rows.expected_depth[places.clone()].copy_from_slice(&self.expected_depth[own.clone()]);
+        rows.median_depth[places.clone()].copy_from_slice(&self.median_depth[own.clone()]);
+        rows.depth[places.clone()].copy_from_slice(&self.depth[own.clone()]);
+        rows.id[places.clone()].copy_from_slice(&self.ids[own.clone()]);
+        for (normal, pixel) in rows.normal[places].iter_mut().zip(own) {
+            *normal = self.normals.map(|axis| axis[pixel]);
+        }
     }
 }
 

@@ -87,13 +87,14 @@ impl Tile {
         self.blocks_a_side() * self.blocks_a_side()
     }
 
-    /// The blocks that a rectangle touches, as bits.
+    /// The blocks that a rectangle of the whole picture touches, as bits.
     #[inline(always)]
     pub(crate) fn blocks_of(self, rect: &Rect) -> u64 {
         let side = self.blocks_a_side();
         let range = |axis: usize| {
-            let place = |pixel: u16| usize::from(pixel).saturating_sub(self.origin[axis]).min(self.side);
-            [place(rect.min[axis]) / BLOCK_SIDE, place(rect.max[axis]).div_ceil(BLOCK_SIDE)]
+            let place = |pixel: usize| pixel.saturating_sub(self.origin[axis]).min(self.side);
+            let [from, to] = [rect.min[axis], rect.max[axis]].map(usize::from);
+            [place(from / self.step) / BLOCK_SIDE, place(to.div_ceil(self.step)).div_ceil(BLOCK_SIDE)]
         };
         let below = |count: usize| u64::MAX.checked_shr(64 - count as u32).unwrap_or(0);
         let ([left, right], [top, bottom]) = (range(0), range(1));
@@ -180,15 +181,17 @@ mod tests {
             min in prop::array::uniform2(0..120_u16),
             lengths in prop::array::uniform2(1..60_u16),
             side in prop_oneof![Just(8_usize), Just(16), Just(32)],
+            step in 1..3_usize,
         ) {
-            let tile = Tile::new([1, 2], side, [200, 200]);
+            let tile = Tile::new([1, 2], side, [200, 200]).of_every(step);
             let rect = Rect { min, max: [min[0] + lengths[0], min[1] + lengths[1]] };
             let mut expected = 0;
             for block in 0..tile.blocks() {
                 let corner = tile.corner(block);
                 let touches = |axis: usize| {
-                    let first = tile.origin[axis] + corner[axis];
-                    usize::from(rect.min[axis]) < first + BLOCK_SIDE && usize::from(rect.max[axis]) > first
+                    // The picture's pixels that lie between the first of the block and the first of the next one.
+                    let first = (tile.origin[axis] + corner[axis]) * step;
+                    usize::from(rect.min[axis]) < first + BLOCK_SIDE * step && usize::from(rect.max[axis]) > first
                 };
                 expected |= u64::from(touches(0) && touches(1)) << block;
             }

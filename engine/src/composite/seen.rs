@@ -97,7 +97,7 @@ impl<S: Simd> Seeing<S> {
     }
 
     #[inline(always)]
-    pub(crate) fn store(&self, seen: &mut Seen) {
+    pub(super) fn store(&self, seen: &mut Seen) {
         seen.opacity.store(self.opacity);
         for (plane, color) in seen.color.iter_mut().zip(&self.color) {
             plane.store(*color);

@@ -58,16 +58,10 @@ impl BlockMasks {
 
     /// Adds a record to all blocks that its rectangle touches.
     pub(super) fn add_rect(&mut self, number: usize, rect: &Rect, tile: Tile) {
-        let range = |axis: usize| {
-            let origin = tile.origin[axis];
-            let from = (usize::from(rect.min[axis]) / tile.step).saturating_sub(origin);
-            let to = usize::from(rect.max[axis]).div_ceil(tile.step).saturating_sub(origin).min(tile.side);
-            from / BLOCK_SIDE..to.div_ceil(BLOCK_SIDE)
-        };
-        for column in range(0) {
-            for row in range(1) {
-                self.0[column * tile.blocks_a_side() + row][number / 16] |= 1 << (number % 16);
-            }
+        let mut blocks = tile.blocks_of(rect);
+        while blocks != 0 {
+            self.0[blocks.trailing_zeros() as usize][number / 16] |= 1 << (number % 16);
+            blocks &= blocks - 1;
         }
     }
 }

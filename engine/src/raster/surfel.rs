@@ -208,17 +208,17 @@ impl Surfel {
     /// z less 3σ_z. Spans begin there or nearer.
     #[inline(always)]
     fn begins<S: Simd>(&self, simd: S, sample: &Sample<S>) -> W<S> {
-        let reach = W::simd_from(simd, -3.0 * self.sigma_z);
+        let reach = W::simd_from(simd, -(SURFEL_REACH as f32) * self.sigma_z);
         match sample.per_den {
             Some(per_den) => per_den.sqrt().mul_add(reach, sample.depth),
             None => sample.depth + reach,
         }
     }
 
-    /// Spans begin as far, or farther, before where the surfel is seen.
+    /// Spans begin at least so far before where the surfel is seen. In the exact form their reach changes from pixel to pixel.
     #[inline(always)]
     pub(crate) fn least_reach(&self) -> f32 {
-        if self.is_exact { 0.0 } else { 3.0 * self.sigma_z }
+        if self.is_exact { 0.0 } else { SURFEL_REACH as f32 * self.sigma_z }
     }
 
     /// n·v over the coverage floor in the exact form.
@@ -414,7 +414,7 @@ impl Surfels {
             (sixteen(simd, &self.outlines.depth, first), sixteen(simd, &self.outlines.sigma_z, first));
         let rise = range(sixteen_of(simd, &self.outlines.depth_slope, first), middle, half);
         let mut seen = [depth + rise[0], depth + rise[1]];
-        let mut reach = sigma_z * 3.0;
+        let mut reach = sigma_z * SURFEL_REACH as f32;
         let exact = mask32x16::from_bitmask(simd, self.outlines.exact >> first);
         if exact.any_true() {
             let per_depth = sixteen(simd, &self.per_depth, first);
@@ -460,4 +460,59 @@ fn inverse<S: Simd>(simd: S, [low, high]: [W<S>; 2]) -> [W<S>; 2] {
         is_positive.select(reciprocal(simd, high), -infinity),
         is_positive.select(reciprocal(simd, low), infinity),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::footprint::Tag;
+    use crate::simd::{Level, dispatch};
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+        /// Spans begin at least as far before where a surfel is seen as is said without looking at pixels.
+        #[test]
+        fn spans_begin_no_later_than_their_least_reach(
+            mean in prop::array::uniform2(-4.0..8.0f32),
+            slopes in prop::array::uniform4(-0.2..0.2f32),
+            sigma_z in 0.0..0.2f32,
+            facing in prop_oneof![-1.0..-0.05f32, 0.05..1.0f32],
+            form in prop_oneof![Just(Form::Affine), Just(Form::Exact)],
+            is_perspective in any::<bool>(),
+        ) {
+            let [x, y, across, down] = slopes;
+            let record = Record {
+                mean,
+                conic_root: [0.8, 0.1, 0.6],
+                depth: 3.0,
+                depth_slope: [x, y],
+                sigma_z,
+                amplitude: facing,
+                amplitude_slope_or_slabs: [across * facing, down * facing],
+                tag: Tag { form, ..Record::BLANK.tag },
+                ..Record::BLANK
+            };
+            let lens = SurfelLens { near: 0.1, cutoff: 12.25, is_perspective, farthest_offset: 0.5 };
+            let tile = Tile::new([0, 0], 8, [8, 8]);
+            let surfel = Surfel::new(tile, &record, &SurfaceSample::default(), (0, 0.0));
+            for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
+                let [depth, nearest]: [[f32; 16]; 2] = dispatch!(level, simd => {
+                    let pixels = crate::tile::pixels(simd, [0.0; 2]);
+                    let sample = surfel.sample(simd, pixels, &lens);
+                    let inside = sample.inside;
+                    let nearest = surfel.spans(simd, &sample, pixels, &lens).nearest;
+                    let zero = W::simd_from(simd, 0.0);
+                    // Beside the splat nothing is asked.
+                    [inside.select(sample.depth, zero).into(), inside.select(nearest, zero - surfel.least_reach()).into()]
+                });
+                for (depth, nearest) in depth.into_iter().zip(nearest) {
+                    // Two roundings of numbers of this size.
+                    let rounding = 2.0 * f32::EPSILON * (depth.abs() + nearest.abs());
+                    prop_assert!(depth - nearest >= surfel.least_reach() - rounding, "{level:?}: {depth}, {nearest}");
+                }
+            }
+        }
+    }
 }

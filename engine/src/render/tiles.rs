@@ -24,7 +24,7 @@ pub(super) struct TileBuffers {
     runs: Runs,
     /// What of a longer list touches a tile.
     list: Vec<AtomicU32>,
-    resolved: Vec<Resolved>,
+    resolved: Resolved,
 }
 
 impl TileBuffers {
@@ -35,7 +35,7 @@ impl TileBuffers {
             kernels: KernelBuffers::default(),
             runs: Runs::new(),
             list: Vec::new(),
-            resolved: Vec::new(),
+            resolved: Resolved::default(),
         }
     }
 }
@@ -172,4 +172,34 @@ fn touching(
             && tile.blocks_of(rect) & blocks != 0
     };
     list.iter().map(|entry| entry.load(Relaxed)).filter(touches).map(AtomicU32::new)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn what_touches_blocks_is_listed_in_order(
+            rects in prop::collection::vec((0..120_u16, 0..120_u16, 1..40_u16, 1..40_u16), 0..100),
+            blocks in any::<u64>(),
+            few in any::<u64>(),
+            side in prop_oneof![Just(8_usize), Just(16), Just(32)],
+        ) {
+            // The picture ends in the tile.
+            let tile = Tile::new([1, 2], side, [side + 7, 2 * side + 5]);
+            let blocks = blocks & few & tile.visible_set();
+            let rects: Vec<Rect> =
+                rects.into_iter().map(|(x, y, w, h)| Rect { min: [x, y], max: [x + w, y + h] }).collect();
+            let list: Vec<AtomicU32> = (0..rects.len() as u32).rev().map(AtomicU32::new).collect();
+            let touches = |i: &u32| tile.blocks_of(&rects[*i as usize]) & blocks != 0;
+            let expected: Vec<u32> = (0..rects.len() as u32).rev().filter(touches).collect();
+            let found: Vec<u32> =
+                touching(&list, &rects, (tile, blocks)).map(|entry| entry.into_inner()).collect();
+            prop_assert_eq!(found, expected);
+        }
+    }
 }
