@@ -312,11 +312,11 @@ impl LayerBuilder<'_> {
             if peel.takes_all {
                 peel.limit = peel.depth.simd_gt(-infinity).select(infinity, -infinity);
             }
-            let sums = Sums::zero(simd, any.of(batches).color);
-            let (sums, count) = apart(
+            let mut sums = Sums::zero(simd, any.of(batches).color);
+            let count = apart(
                 simd,
                 #[inline(always)]
-                || self.sum_up(simd, (batches, here), (rest, listed.all()), (&peel, sums)),
+                || self.sum_up(simd, (batches, here), (rest, listed.all()), (&peel, &mut sums)),
             );
             evaluated += count;
             let cut = cuts.next();
@@ -476,8 +476,8 @@ impl LayerBuilder<'_> {
         simd: S,
         (batches, here): (&[Surfels], Here<S>),
         (rest, listed): (&mut [u64], &[Listed]),
-        (peel, mut sums): (&Peel<S>, Sums<S>),
-    ) -> (Sums<S>, u64) {
+        (peel, sums): (&Peel<S>, &mut Sums<S>),
+    ) -> u64 {
         let (zero, infinity) = (W::simd_from(simd, 0.0), W::simd_from(simd, f32::INFINITY));
         let is_open = peel.record.simd_ne(u32x16::simd_from(simd, Cut::NO_RECORD));
         let farthest = is_open.select(peel.limit, -infinity).reduce_max();
@@ -505,7 +505,7 @@ impl LayerBuilder<'_> {
             let behind = weight.simd_gt(zero).select(depth - peel.depth, zero);
             sums.add(simd, surfel, &here, [weight, behind]);
         }
-        (sums, evaluated)
+        evaluated
     }
 
     /// Turns the sums of a layer into a cut and makes ready for the next; says whether any pixel has a sample, and
