@@ -10,6 +10,8 @@
 //! Records come roughly from near to far, in sixteens of neighbours, so that a block that is covered soon doesn't even look
 //! at most of them.
 
+mod sums;
+
 use crate::cloud::Cloud;
 use crate::columns::Kind;
 use crate::cuts::{Cut, Cuts, MAX_LAYERS};
@@ -17,6 +19,7 @@ use crate::raster::{BATCH, Surfaces, Surfel, SurfelLens, Surfels};
 use crate::simd::*;
 use crate::tile::{HALF_BLOCK, PIXELS, Plane, Tile, pixels};
 use std::sync::atomic::{AtomicU32, Ordering};
+use sums::{SeenThrough, Sums};
 
 /// The layer that is being peeled from a block.
 struct Peel<S: Simd> {
@@ -32,102 +35,6 @@ struct Peel<S: Simd> {
     end: W<S>,
     /// Whether the layer takes every sample that is left.
     takes_all: bool,
-}
-
-/// Sums over the samples of a layer.
-struct Sums<S: Simd> {
-    /// Of the splats that show their front, and of those that show their back. The two sides of a thin sheet would
-    /// cancel, so their normals are never added.
-    sides: [Side<S>; 2],
-    /// Of how far colours are from the one that surfaces most often have all over.
-    color: [W<S>; 3],
-    usual: [f32; 3],
-    /// Of depths behind the first sample's.
-    depth: W<S>,
-    /// Of 1 − opacity.
-    clear: W<S>,
-}
-
-#[derive(Clone, Copy)]
-struct Side<S: Simd> {
-    weight: W<S>,
-    normal: [W<S>; 3],
-}
-
-impl<S: Simd> Sums<S> {
-    #[inline(always)]
-    fn zero(simd: S, usual: [f32; 3]) -> Self {
-        let zero = W::simd_from(simd, 0.0);
-        Self {
-            sides: [Side { weight: zero, normal: [zero; 3] }; 2],
-            color: [zero; 3],
-            usual,
-            depth: zero,
-            clear: zero,
-        }
-    }
-
-    #[inline(always)]
-    fn weight(&self) -> W<S> {
-        self.sides[0].weight + self.sides[1].weight
-    }
-
-    /// Adds samples of a surfel, by their weights and how far they are behind the first ones.
-    #[inline(always)]
-    fn add(&mut self, simd: S, surfel: &Surfel, here: &Here<S>, [weight, behind]: [W<S>; 2]) {
-        let Surfel { normal, color, opacity, .. } = *surfel;
-        self.depth = behind.mul_add(weight, self.depth);
-        if opacity < 1.0 {
-            self.clear = weight.mul_add(W::simd_from(simd, 1.0 - opacity), self.clear);
-        }
-        if color != self.usual {
-            self.color = [0, 1, 2].each(
-                #[inline(always)]
-                |i| weight.mul_add(W::simd_from(simd, color[i] - self.usual[i]), self.color[i]),
-            );
-        }
-        match surfel.faces_away(here.corner) {
-            Some(false) => self.sides[0].add(simd, normal, weight),
-            Some(true) => self.sides[1].add(simd, normal, weight),
-            None => {
-                let zero = W::simd_from(simd, 0.0);
-                let facing = surfel.exact_facing(simd, here.pixels);
-                let back = facing.simd_gt(zero).select(weight, zero);
-                self.sides[0].add(simd, normal, weight - back);
-                self.sides[1].add(simd, normal, back);
-            }
-        }
-    }
-}
-
-/// How far one sees into a pixel past its layers so far.
-///
-/// Coverage is a share of the pixel's area. A layer covers what is left bare first, and only then what is
-/// covered already: the parts of one surface that fall into two layers, at a crease or along a silhouette, lie
-/// beside each other. Were they independent, every such pixel would let the background through.
-#[derive(Clone, Copy)]
-struct SeenThrough<S: Simd> {
-    /// Share of the pixel that no layer covers.
-    bare: W<S>,
-    /// What the covered share lets through, as a share of the pixel.
-    covered: W<S>,
-}
-
-impl<S: Simd> SeenThrough<S> {
-    /// Puts a layer behind; gives the opacity with which it is composited, and what is still seen.
-    #[inline(always)]
-    fn cover(&mut self, simd: S, coverage: W<S>, opacity: W<S>) -> [W<S>; 2] {
-        let Self { bare, covered } = *self;
-        let (one, zero) = (W::simd_from(simd, 1.0), W::simd_from(simd, 0.0));
-        let before = bare + covered;
-        let beside = coverage.min(bare);
-        let behind = bare.simd_lt(one).select((coverage - beside) / (one - bare), zero);
-        self.covered = covered * (one - opacity * behind) + beside * (one - opacity);
-        self.bare = bare - beside;
-        let after = self.bare + self.covered;
-        let alpha = before.simd_gt(zero).select(one - after / before, one);
-        [alpha, after]
-    }
 }
 
 /// A block of pixels.
@@ -313,12 +220,11 @@ impl LayerBuilder<'_> {
                 peel.limit = peel.depth.simd_gt(-infinity).select(infinity, -infinity);
             }
             let mut sums = Sums::zero(simd, any.of(batches).color);
-            let count = apart(
+            evaluated += apart(
                 simd,
                 #[inline(always)]
                 || self.sum_up(simd, (batches, here), (rest, listed.all()), (&peel, &mut sums)),
             );
-            evaluated += count;
             let cut = cuts.next();
             let [found, goes_on] = apart(
                 simd,
@@ -570,16 +476,5 @@ impl Listed {
     #[inline(always)]
     fn of(self, batches: &[Surfels]) -> &Surfel {
         batches[self.batch as usize].get(self.number as usize)
-    }
-}
-
-impl<S: Simd> Side<S> {
-    #[inline(always)]
-    fn add(&mut self, simd: S, normal: [f32; 3], weight: W<S>) {
-        self.weight += weight;
-        self.normal = [0, 1, 2].each(
-            #[inline(always)]
-            |axis| weight.mul_add(W::simd_from(simd, normal[axis]), self.normal[axis]),
-        );
     }
 }
