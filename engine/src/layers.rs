@@ -322,6 +322,8 @@ impl LayerBuilder<'_> {
                 let sample = surfel.sample(simd, here.pixels, &self.lens);
                 let mut inside = sample.inside & search.is_open;
                 if search.is_behind {
+                    // What layers took without asking for spans is not taken again.
+                    inside &= sample.depth.simd_gt(peel.previous + surfel.least_reach);
                     if inside.any_true() {
                         let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
                         inside &= spans.nearest.simd_gt(peel.previous);
@@ -395,12 +397,12 @@ impl LayerBuilder<'_> {
             // Only where what is seen begins behind the limit it matters where the plane is: spans begin there or before.
             let is_seen = weight.simd_gt(zero);
             let mut has_others = false;
-            let limit = peel.limit + surfel.least_reach();
-            if (is_seen & depth.simd_gt(limit)).any_true() {
+            let is_own = depth.simd_le(peel.limit + surfel.least_reach);
+            if (is_seen & !is_own).any_true() {
                 evaluated += 1;
                 let sample = surfel.sample(simd, here.pixels, &self.lens);
                 let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
-                let own = spans.nearest.simd_le(peel.limit);
+                let own = is_own | spans.nearest.simd_le(peel.limit);
                 has_others = (is_seen & !own).any_true();
                 weight = own.select(weight, zero);
             }

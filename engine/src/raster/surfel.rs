@@ -84,6 +84,8 @@ pub(crate) struct Surfel {
     facing_slope: [f32; 2],
     /// And over n·v at the mean; 0 where the surfel is seen edge-on.
     tilt: [f32; 2],
+    /// Wherever it is seen in the tile its span begins at least so far before.
+    pub(crate) least_reach: f32,
     pub(crate) tolerance: f32,
     pub(crate) index: u32,
     pub(crate) color: [f32; 3],
@@ -131,6 +133,7 @@ impl Surfel {
         facing: 0.0,
         facing_slope: [0.0; 2],
         tilt: [0.0; 2],
+        least_reach: 0.0,
         tolerance: 0.0,
         index: 0,
         color: [0.0; 3],
@@ -161,6 +164,7 @@ impl Surfel {
                 #[inline(always)]
                 |slope| slope * per_facing,
             ),
+            least_reach: 0.0,
             tolerance,
             index,
             color: record.color,
@@ -213,12 +217,6 @@ impl Surfel {
             Some(per_den) => per_den.sqrt().mul_add(reach, sample.depth),
             None => sample.depth + reach,
         }
-    }
-
-    /// Spans begin at least so far before where the surfel is seen. In the exact form their reach changes from pixel to pixel.
-    #[inline(always)]
-    pub(crate) fn least_reach(&self) -> f32 {
-        if self.is_exact { 0.0 } else { SURFEL_REACH as f32 * self.sigma_z }
     }
 
     /// n·v over the coverage floor in the exact form.
@@ -314,6 +312,7 @@ impl Surfels {
             self.each[number] = surfel;
         }
         self.outlines.prepare(simd, tile);
+        let half = (tile.side - 1) as f32 / 2.0;
         for first in self.outlines.sixteens() {
             let one = W::simd_from(simd, 1.0);
             let depth = sixteen(simd, &self.outlines.depth, first);
@@ -323,10 +322,21 @@ impl Surfels {
             let share = (one - spread * spread * lens.cutoff).max(W::simd_from(simd, 0.0));
             per_depth.store_slice(&mut self.per_depth[first..first + 16]);
             (depth * share).store_slice(&mut self.least_depth[first..first + 16]);
+            let exact = mask32x16::from_bitmask(simd, self.outlines.exact >> first);
+            let [low, high] = self.rise(simd, first, ([half; 2], half));
+            let most = (one - low * per_depth).abs().max((one - high * per_depth).abs());
+            let reach = sixteen(simd, &self.outlines.sigma_z, first) * SURFEL_REACH as f32;
+            // 1/√den at least; a half thousandth is more than roundings.
+            let of_exact = reach * share.sqrt() * 0.9995 / most;
+            let is_bound = of_exact.simd_lt(W::simd_from(simd, f32::INFINITY));
+            let of_exact = is_bound.select(of_exact, W::simd_from(simd, 0.0));
+            let reach: [f32; 16] = exact.select(of_exact, reach).into();
+            for (surfel, reach) in self.each[first..first + 16].iter_mut().zip(reach) {
+                surfel.least_reach = reach;
+            }
         }
         let rect = |number: usize| &surfaces.rects[self.each[number].index as usize];
         self.masks = self.outlines.blocks(simd, tile, u64::MAX, rect);
-        let half = (tile.side - 1) as f32 / 2.0;
         let used = u64::MAX.checked_shr((BATCH - self.outlines.count()) as u32).unwrap_or(0);
         for first in self.outlines.sixteens() {
             let [begin, _] = self.bounds(simd, first, ([half; 2], half), lens);
@@ -396,6 +406,20 @@ impl Surfels {
         between
     }
 
+    /// Where a pixel is from the means of sixteen records.
+    #[inline(always)]
+    fn from_mean<S: Simd>(&self, simd: S, first: usize, [x, y]: [f32; 2]) -> [W<S>; 2] {
+        let mean = sixteen_of(simd, &self.outlines.mean, first);
+        [W::simd_from(simd, x) - mean[0], W::simd_from(simd, y) - mean[1]]
+    }
+
+    /// How much deeper than at their means sixteen records are in the affine form, in the square of pixels around a middle.
+    #[inline(always)]
+    fn rise<S: Simd>(&self, simd: S, first: usize, (middle, half): ([f32; 2], f32)) -> [W<S>; 2] {
+        let slope = sixteen_of(simd, &self.outlines.depth_slope, first);
+        range(slope, self.from_mean(simd, first, middle), half)
+    }
+
     /// For sixteen records, in the square of pixels around a middle: before what depth no span of a sample begins, and behind
     /// what depth none does.
     #[inline(always)]
@@ -408,11 +432,9 @@ impl Surfels {
     ) -> [W<S>; 2] {
         let infinity = W::simd_from(simd, f32::INFINITY);
         let one = W::simd_from(simd, 1.0);
-        let [x, y] = sixteen_of(simd, &self.outlines.mean, first);
-        let middle = [W::simd_from(simd, middle[0]) - x, W::simd_from(simd, middle[1]) - y];
         let (depth, sigma_z) =
             (sixteen(simd, &self.outlines.depth, first), sixteen(simd, &self.outlines.sigma_z, first));
-        let rise = range(sixteen_of(simd, &self.outlines.depth_slope, first), middle, half);
+        let rise = self.rise(simd, first, (middle, half));
         let mut seen = [depth + rise[0], depth + rise[1]];
         let mut reach = sigma_z * SURFEL_REACH as f32;
         let exact = mask32x16::from_bitmask(simd, self.outlines.exact >> first);
@@ -427,6 +449,7 @@ impl Surfels {
             reach = exact.select(reach * inverse_t[1], reach);
         }
         // Where the plane is.
+        let middle = self.from_mean(simd, first, middle);
         let tilt = range(sixteen_of(simd, &self.tilt, first), middle, half);
         let plane = if lens.is_perspective {
             depth * inverse(simd, [one + tilt[0], one + tilt[1]])[0]
@@ -496,21 +519,27 @@ mod tests {
             };
             let lens = SurfelLens { near: 0.1, cutoff: 12.25, is_perspective, farthest_offset: 0.5 };
             let tile = Tile::new([0, 0], 8, [8, 8]);
-            let surfel = Surfel::new(tile, &record, &SurfaceSample::default(), (0, 0.0));
+            let rects = [Rect { min: [0; 2], max: [8; 2] }];
+            let (records, samples) = ([record], [SurfaceSample::default()]);
+            let surfaces = Surfaces { records: &records, rects: &rects, samples: &samples, depth_tolerances: &[0.0] };
             for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
-                let [depth, nearest]: [[f32; 16]; 2] = dispatch!(level, simd => {
+                let [depth, nearest, reach]: [[f32; 16]; 3] = dispatch!(level, simd => {
+                    let mut surfels = Surfels::NONE;
+                    surfels.fill(simd, (tile, &lens), [0].into_iter(), surfaces);
+                    let surfel = surfels.get(0);
                     let pixels = crate::tile::pixels(simd, [0.0; 2]);
                     let sample = surfel.sample(simd, pixels, &lens);
                     let inside = sample.inside;
                     let nearest = surfel.spans(simd, &sample, pixels, &lens).nearest;
                     let zero = W::simd_from(simd, 0.0);
                     // Beside the splat nothing is asked.
-                    [inside.select(sample.depth, zero).into(), inside.select(nearest, zero - surfel.least_reach()).into()]
+                    let beside = zero - surfel.least_reach;
+                    [inside.select(sample.depth, zero).into(), inside.select(nearest, beside).into(), [surfel.least_reach; 16]]
                 });
-                for (depth, nearest) in depth.into_iter().zip(nearest) {
+                for ((depth, nearest), reach) in depth.into_iter().zip(nearest).zip(reach) {
                     // Two roundings of numbers of this size.
                     let rounding = 2.0 * f32::EPSILON * (depth.abs() + nearest.abs());
-                    prop_assert!(depth - nearest >= surfel.least_reach() - rounding, "{level:?}: {depth}, {nearest}");
+                    prop_assert!(depth - nearest >= reach - rounding, "{level:?}: {depth}, {nearest}, {reach}");
                 }
             }
         }

@@ -26,8 +26,8 @@ pub(super) struct Placed<S: Simd> {
 
 /// Their footprints.
 pub(super) struct Footprints<S: Simd> {
-    /// Half-axes in camera space.
-    pub(super) columns: [V3<S>; 3],
+    /// In camera space.
+    pub(super) half_axes: [V3<S>; 3],
     pub(super) mean: [V<S>; 2],
     pub(super) conic_root: V3<S>,
     pub(super) depth_slope: [V<S>; 2],
@@ -85,7 +85,7 @@ impl WideProjector<'_> {
 
     /// The half-axes of a block in camera space.
     #[inline(always)]
-    fn half_axes<S: Simd>(&self, simd: S, block: usize) -> [V3<S>; 3] {
+    pub(super) fn half_axes<S: Simd>(&self, simd: S, block: usize) -> [V3<S>; 3] {
         match &self.scalar.columns.factors {
             Factors::Shared(_) => self.shared_axes.each(
                 #[inline(always)]
@@ -102,9 +102,13 @@ impl WideProjector<'_> {
     }
 
     #[inline(always)]
-    pub(super) fn footprints<S: Simd>(&self, simd: S, block: usize, placed: &Placed<S>) -> Footprints<S> {
+    pub(super) fn footprints<S: Simd>(
+        &self,
+        simd: S,
+        placed: &Placed<S>,
+        half_axes: [V3<S>; 3],
+    ) -> Footprints<S> {
         let Placed { center, inverse_z, ray } = placed;
-        let columns = self.half_axes(simd, block);
         let [h2, h4] = [self.low_pass, self.low_pass * self.low_pass].each(
             #[inline(always)]
             |h| splat(simd, h),
@@ -114,15 +118,15 @@ impl WideProjector<'_> {
             |focal| *inverse_z * focal,
         );
         // In pixels; for parallel rays the ray has no slope.
-        let x = columns.each(
+        let x = half_axes.each(
             #[inline(always)]
             |g| (-ray[0]).mul_add(g[2], g[0]) * scale_x,
         );
-        let y = columns.each(
+        let y = half_axes.each(
             #[inline(always)]
             |g| (-ray[1]).mul_add(g[2], g[1]) * scale_y,
         );
-        let z = columns.each(
+        let z = half_axes.each(
             #[inline(always)]
             |g| g[2],
         );
@@ -151,7 +155,7 @@ impl WideProjector<'_> {
         }
         let solid = self.focal[0] * self.focal[1] / std::f32::consts::TAU;
         Footprints {
-            columns,
+            half_axes,
             mean,
             conic_root: [root_y * inverse_root, -xy * inverse_y * inverse_root, inverse_y],
             depth_slope: [slope_x * inverse_area, slope_y * inverse_area],

@@ -133,7 +133,7 @@ impl WideProjector<'_> {
                 let lacks = splat(simd, surface.coverage_floor - even);
                 let floor = lacks.mul_add(footprints.attenuation.sqrt(), splat(simd, even));
                 let coverage = strength * footprints.unit_integral / floor;
-                let [a, b, _] = footprints.columns;
+                let [a, b, _] = footprints.half_axes;
                 let own = normalize_or_zero(simd, cross(a, b)).each(
                     #[inline(always)]
                     |n| n * self.handedness,

@@ -33,6 +33,8 @@ pub(super) struct WideProjector<'a> {
     strength_scale: f32,
     /// A cloud that is stretched unevenly has another area scale for each surfel.
     is_even: bool,
+    /// Of a closed surface only what faces the viewer is seen.
+    is_closed: bool,
     cutoff: f32,
     low_pass: f32,
     near: f32,
@@ -85,6 +87,7 @@ impl<'a> WideProjector<'a> {
             handedness: linear.determinant().signum() as f32,
             strength_scale: strength_scale as f32,
             is_even: !is_surface || is_similarity(linear),
+            is_closed: matches!(scalar.columns.kind, columns::Kind::Surface(surface) if surface.closed),
             cutoff: cutoff as f32,
             low_pass: lens.low_pass.powi(2) as f32,
             near: scalar.view.camera.near() as f32,
@@ -142,8 +145,12 @@ impl<'a> WideProjector<'a> {
             if !is_inside && self.is_beside(simd, &placed, reach) {
                 continue;
             }
+            let half_axes = self.half_axes(simd, block);
+            if self.is_closed && self.all_face_away(simd, &placed, &half_axes) {
+                continue;
+            }
             let colors = self.colors(simd, block, &placed, towards);
-            let mut footprints = self.footprints(simd, block, &placed);
+            let mut footprints = self.footprints(simd, &placed, half_axes);
             let forms = self.forms(simd, range.is_surface, &placed, &mut footprints);
             let looks = self.looks(simd, block, (&placed, &footprints), colors);
             let seen = (&placed, &footprints, &looks, &forms);
@@ -175,6 +182,15 @@ impl<'a> WideProjector<'a> {
         );
         // Where numbers are none nothing is left out.
         (outside[0] | outside[1] | outside[2] | outside[3]).all_true()
+    }
+
+    /// Whether surfels show their backs, all of a block.
+    #[inline(always)]
+    fn all_face_away<S: Simd>(&self, simd: S, placed: &Placed<S>, [a, b, _]: &[V3<S>; 3]) -> bool {
+        let zero = splat(simd, 0.0);
+        // Behind the eye, where rays are turned round, too.
+        let to_center = if self.perspective { placed.center } else { placed.ray };
+        (dot(cross(*a, *b), to_center) * self.handedness).simd_ge(zero).all_true()
     }
 
     fn push_scalar(&self, range: &VisibleRange, index: usize, out: &mut Places) {
