@@ -390,6 +390,9 @@ impl LayerBuilder<'_> {
         let is_open = peel.record.simd_ne(u32x16::simd_from(simd, Cut::NO_RECORD));
         let farthest = is_open.select(peel.limit, -infinity).reduce_max();
         let mut evaluated = 0;
+        // All sums stay in registers where there are enough. Where there aren't they had better stay where they are.
+        let mut own_sums = *sums;
+        let adding = if holds_sixteen::<S>() { &mut own_sums } else { &mut *sums };
         for candidate in listed.iter().filter(|candidate| candidate.nearest <= farthest) {
             let surfel = candidate.of(batches);
             let depth = candidate.depth.load(simd);
@@ -411,7 +414,10 @@ impl LayerBuilder<'_> {
             }
             // Where no sample was found the difference is infinite.
             let behind = weight.simd_gt(zero).select(depth - peel.depth, zero);
-            sums.add(simd, surfel, &here, [weight, behind]);
+            adding.add(simd, surfel, &here, [weight, behind]);
+        }
+        if holds_sixteen::<S>() {
+            *sums = own_sums;
         }
         evaluated
     }

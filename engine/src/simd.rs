@@ -103,6 +103,12 @@ pub(crate) fn apart<S: Simd, R>(simd: S, part: impl FnOnce() -> R) -> R {
     simd.vectorize(part)
 }
 
+/// Whether a register holds sixteen numbers, as with AVX-512, of which there are 32: twice as many as AVX2 has, for half as many numbers
+/// each.
+pub(crate) const fn holds_sixteen<S: Simd>() -> bool {
+    size_of::<S::f32s>() >= 16 * size_of::<f32>()
+}
+
 /// As `array::map`, but inlined wherever it is used: SIMD that is called through a function is slow.
 pub(crate) trait Each<T, const N: usize> {
     /// `f` of each element.

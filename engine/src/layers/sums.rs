@@ -5,6 +5,7 @@ use crate::raster::Surfel;
 use crate::simd::*;
 
 /// Sums over the samples of a layer.
+#[derive(Clone, Copy)]
 pub(super) struct Sums<S: Simd> {
     /// Of the splats that show their front, and of those that show their back. The two sides of a thin sheet would
     /// cancel, so their normals are never added.
