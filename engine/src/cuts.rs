@@ -22,12 +22,13 @@ pub(crate) struct Cut {
     pub(crate) color: [Plane; 3],
     /// Mean normal in camera space, on the side that is seen; as much shorter than 1 as its samples differ.
     pub(crate) normal: [Plane; 3],
-    /// The front-most record, whose cloud's material shades the layer; [`Cut::NO_RECORD`] where there is none.
+    /// The front-most record, and its cloud, whose material shades the layer; [`Cut::NO_NUMBER`] where there is none.
     pub(crate) record: [u32; PIXELS],
+    pub(crate) cloud: [u32; PIXELS],
 }
 
 impl Cut {
-    pub(crate) const NO_RECORD: u32 = u32::MAX;
+    pub(crate) const NO_NUMBER: u32 = u32::MAX;
 
     /// No surface.
     pub(crate) const NONE: Self = Self {
@@ -35,7 +36,8 @@ impl Cut {
         alpha: Plane::ZERO,
         color: [Plane::ZERO; 3],
         normal: [Plane::ZERO; 3],
-        record: [Self::NO_RECORD; PIXELS],
+        record: [Self::NO_NUMBER; PIXELS],
+        cloud: [Self::NO_NUMBER; PIXELS],
     };
 }
 

@@ -27,8 +27,9 @@ struct Peel<S: Simd> {
     depth: W<S>,
     /// The layer takes samples that come nearer than this.
     limit: W<S>,
-    /// The first sample's record, or [`Cut::NO_RECORD`].
+    /// The first sample's record and its cloud, or [`Cut::NO_NUMBER`].
     record: u32x16<S>,
+    cloud: u32x16<S>,
     /// The limit of the layer before.
     previous: W<S>,
     /// The limit of the layer behind which nothing is seen; ∞ before there is one, −∞ beside the picture.
@@ -196,11 +197,12 @@ impl LayerBuilder<'_> {
         }
         let infinity = W::simd_from(simd, f32::INFINITY);
         let wanted = tile.inside(simd, block).select(infinity, -infinity);
-        let no_record = u32x16::simd_from(simd, Cut::NO_RECORD);
+        let no_number = u32x16::simd_from(simd, Cut::NO_NUMBER);
         let mut peel = Peel {
             depth: wanted,
             limit: wanted,
-            record: no_record,
+            record: no_number,
+            cloud: no_number,
             previous: -infinity,
             end: wanted,
             takes_all: false,
@@ -373,6 +375,7 @@ impl LayerBuilder<'_> {
             let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
             peel.limit = own.select(spans.farthest + surfel.tolerance, peel.limit);
             peel.record = own.select(u32x16::simd_from(simd, surfel.index), peel.record);
+            peel.cloud = own.select(u32x16::simd_from(simd, surfel.cloud), peel.cloud);
         }
     }
 
@@ -387,7 +390,7 @@ impl LayerBuilder<'_> {
         (peel, sums): (&Peel<S>, &mut Sums<S>),
     ) -> u64 {
         let (zero, infinity) = (W::simd_from(simd, 0.0), W::simd_from(simd, f32::INFINITY));
-        let is_open = peel.record.simd_ne(u32x16::simd_from(simd, Cut::NO_RECORD));
+        let is_open = peel.record.simd_ne(u32x16::simd_from(simd, Cut::NO_NUMBER));
         let farthest = is_open.select(peel.limit, -infinity).reduce_max();
         let mut evaluated = 0;
         // All sums stay in registers where there are enough. Where there aren't they had better stay where they are.
@@ -434,10 +437,10 @@ impl LayerBuilder<'_> {
     ) -> [bool; 2] {
         let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
         let infinity = W::simd_from(simd, f32::INFINITY);
-        let no_record = u32x16::simd_from(simd, Cut::NO_RECORD);
+        let no_number = u32x16::simd_from(simd, Cut::NO_NUMBER);
         let [front, back] = &sums.sides;
         let weight = sums.weight();
-        let found = peel.record.simd_ne(no_record);
+        let found = peel.record.simd_ne(no_number);
         // Seen exactly edge-on a plane covers nothing, and hides nothing.
         let inverse = weight.simd_gt(W::simd_from(simd, 1e-30)).select(one / weight, zero);
         let mut opacity = one - (sums.clear * inverse).min(one);
@@ -466,13 +469,13 @@ impl LayerBuilder<'_> {
         for (plane, normal) in cut.normal.iter_mut().zip(normal) {
             plane.store(found.select(normal, zero));
         }
-        cut.record = found.select(peel.record, no_record).into();
+        (cut.record, cut.cloud) = (peel.record.into(), peel.cloud.into());
         let goes_on = found & seen.simd_gt(W::simd_from(simd, self.spent));
         peel.end = (found & !goes_on).select(peel.limit, peel.end);
         peel.previous = peel.limit;
         peel.depth = goes_on.select(infinity, -infinity);
         peel.limit = peel.depth;
-        peel.record = no_record;
+        (peel.record, peel.cloud) = (no_number, no_number);
         [found.any_true(), goes_on.any_true() && !peel.takes_all]
     }
 }

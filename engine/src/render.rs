@@ -265,7 +265,6 @@ impl Renderer {
             },
             resolver: Resolver {
                 shaders,
-                records,
                 samples,
                 settings,
                 lens,

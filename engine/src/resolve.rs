@@ -3,7 +3,7 @@
 use crate::color::linear_to_srgb;
 use crate::composite::{Runs, Seeing, Seen};
 use crate::cuts::{Cut, Cuts};
-use crate::footprint::{Lens, Record, SurfaceSample};
+use crate::footprint::{Lens, SurfaceSample};
 use crate::frame::{Channels, Frame, FrameRows};
 use crate::scene::{Blend, RenderSettings};
 use crate::shade::Shader;
@@ -18,7 +18,6 @@ pub(crate) struct Resolver<'a> {
     /// One a cloud.
     pub(crate) shaders: &'a [Shader],
     /// Of surfaces.
-    pub(crate) records: &'a [Record],
     pub(crate) samples: &'a [SurfaceSample],
     pub(crate) settings: &'a RenderSettings,
     pub(crate) lens: Lens,
@@ -145,19 +144,13 @@ impl Resolver<'_> {
         let [x, y] = pixels(simd, tile.corner_pixel(block));
         let [left, top] = tile.origin.map(|pixel| pixel as f32 + 0.5);
         let position = self.lens.positions([x + left, y + top], depth);
-        let cloud_of = |record: u32| match record {
-            Cut::NO_RECORD => None,
-            index => Some(self.records[index as usize].tag.cloud),
-        };
-        let clouds = cut.record.map(cloud_of);
+        let clouds = u32x16::simd_from(simd, cut.cloud);
+        let mut open = clouds.simd_ne(u32x16::simd_from(simd, Cut::NO_NUMBER)).to_bitmask();
         let mut color = [W::simd_from(simd, 0.0); 3];
-        for (pixel, cloud) in clouds.iter().enumerate() {
-            let Some(cloud) = *cloud else { continue };
-            if clouds[..pixel].contains(&Some(cloud)) {
-                continue;
-            }
-            let own: u64 = (0..PIXELS).map(|pixel| u64::from(clouds[pixel] == Some(cloud)) << pixel).sum();
-            let own = mask32x16::from_bitmask(simd, own);
+        while open != 0 {
+            let cloud = cut.cloud[open.trailing_zeros() as usize % PIXELS];
+            let own = clouds.simd_eq(u32x16::simd_from(simd, cloud));
+            open &= !own.to_bitmask();
             let shaded = self.shaders[cloud as usize].shade_wide(simd, base, normal, position);
             color = [0, 1, 2].each(
                 #[inline(always)]
@@ -217,7 +210,7 @@ impl Resolver<'_> {
                 |v| v.into(),
             ),
             ids: cut.record.map(|record| match record {
-                Cut::NO_RECORD => Frame::NO_ID,
+                Cut::NO_NUMBER => Frame::NO_ID,
                 index => self.samples[index as usize].id,
             }),
         }
