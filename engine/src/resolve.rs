@@ -84,8 +84,13 @@ impl Resolver<'_> {
             let [left, top] = tile.corner(block);
             let place = |row: usize| rows.place(tile.origin[0] + left, top + row);
             let places: [usize; BLOCK_SIDE] = std::array::from_fn(place);
-            for (place, color) in places[..height].iter().zip(colors[block].chunks(BLOCK_SIDE)) {
-                rows.color[*place..*place + columns].copy_from_slice(&color[..columns]);
+            for (place, color) in places[..height].iter().zip(colors[block].as_chunks::<BLOCK_SIDE>().0) {
+                let to = &mut rows.color[*place..*place + columns];
+                match to.first_chunk_mut() {
+                    // A length that is known needs no call.
+                    Some(to) => *to = *color,
+                    None => to.copy_from_slice(&color[..columns]),
+                }
             }
             if let Some(rest) = rests.get(block) {
                 for (place, first) in places[..height].iter().zip((0..).step_by(BLOCK_SIDE)) {
