@@ -328,9 +328,10 @@ impl Surfels {
             let exact = mask32x16::from_bitmask(simd, self.outlines.exact >> first);
             let [low, high] = self.rise(simd, first, ([half; 2], half));
             let most = (one - low * per_depth).abs().max((one - high * per_depth).abs());
-            let reach = sixteen(simd, &self.outlines.sigma_z, first) * SURFEL_REACH as f32;
-            // 1/√den at least; a half thousandth is more than roundings.
-            let of_exact = reach * share.sqrt() * 0.9995 / most;
+            // Less by half a thousandth, which is more than roundings.
+            let reach = sixteen(simd, &self.outlines.sigma_z, first) * (0.9995 * SURFEL_REACH as f32);
+            // 1/√den at least.
+            let of_exact = reach * share.sqrt() / most;
             let is_bound = of_exact.simd_lt(W::simd_from(simd, f32::INFINITY));
             let of_exact = is_bound.select(of_exact, W::simd_from(simd, 0.0));
             let reach: [f32; 16] = exact.select(of_exact, reach).into();
@@ -411,7 +412,7 @@ impl Surfels {
 
     /// Where a pixel is from the means of sixteen records.
     #[inline(always)]
-    fn from_mean<S: Simd>(&self, simd: S, first: usize, [x, y]: [f32; 2]) -> [W<S>; 2] {
+    fn offsets_of<S: Simd>(&self, simd: S, first: usize, [x, y]: [f32; 2]) -> [W<S>; 2] {
         let mean = sixteen_of(simd, &self.outlines.mean, first);
         [W::simd_from(simd, x) - mean[0], W::simd_from(simd, y) - mean[1]]
     }
@@ -420,7 +421,7 @@ impl Surfels {
     #[inline(always)]
     fn rise<S: Simd>(&self, simd: S, first: usize, (middle, half): ([f32; 2], f32)) -> [W<S>; 2] {
         let slope = sixteen_of(simd, &self.outlines.depth_slope, first);
-        range(slope, self.from_mean(simd, first, middle), half)
+        range(slope, self.offsets_of(simd, first, middle), half)
     }
 
     /// For sixteen records, in the square of pixels around a middle: before what depth no span of a sample begins, and behind
@@ -452,7 +453,7 @@ impl Surfels {
             reach = exact.select(reach * inverse_t[1], reach);
         }
         // Where the plane is.
-        let middle = self.from_mean(simd, first, middle);
+        let middle = self.offsets_of(simd, first, middle);
         let tilt = range(sixteen_of(simd, &self.tilt, first), middle, half);
         let plane = if lens.is_perspective {
             depth * inverse(simd, [one + tilt[0], one + tilt[1]])[0]
