@@ -7,6 +7,7 @@
 use crate::grid::Rows;
 use crate::points::Points;
 use glam::{DVec3, Vec3};
+use oblate_engine::simd::{Level, dispatch};
 use rayon::prelude::*;
 
 /// Squared distance in squared spacings at which a plane gets one sample for each squared spacing: balls of
@@ -134,31 +135,83 @@ fn assign(points: &Points, samples: &[Sample], owners: &mut [u32]) {
         tasks.push((cells, mine));
         rest = others;
     }
+    let level = Level::best();
     tasks.into_par_iter().for_each(|(cells, owners)| {
         let first = grid.points(cells.clone()).start;
-        let mut near: Vec<(Vec3, Vec3, u32)> = Vec::new();
+        let mut near = Near::default();
         grid.sweep(cells, |cell, rows: &Rows| {
             near.clear();
             for row in rows {
                 let ids = &sorted[starts[row.start]..starts[row.end]];
-                near.extend(ids.iter().map(|&id| {
-                    let sample = &samples[id as usize];
-                    (sample.position, sample.normal, id)
-                }));
+                ids.iter().for_each(|&id| near.push(&samples[id as usize], id));
             }
-            for point in grid.points(cell..cell + 1) {
-                let here = place(points, point);
-                let (mut least, mut owner) = (f32::INFINITY, owners[point - first]);
-                for &(position, normal, id) in &near {
-                    let distance2 = distance2(here, (position, normal));
-                    if distance2 < least {
-                        (least, owner) = (distance2, id);
+            dispatch!(level, _simd => {
+                for point in grid.points(cell..cell + 1) {
+                    if let Some(owner) = near.nearest(place(points, point)) {
+                        owners[point - first] = owner;
                     }
                 }
-                owners[point - first] = owner;
-            }
+            });
         });
     });
+}
+
+/// Numbers of as many samples as are compared at once.
+const LANES: usize = 8;
+
+/// Samples around a cell, each number of eight of them in a row; places behind the last sample are infinitely far.
+#[derive(Default)]
+struct Near {
+    /// Positions and normals.
+    blocks: Vec<[[f32; LANES]; 6]>,
+    ids: Vec<u32>,
+}
+
+impl Near {
+    fn clear(&mut self) {
+        self.blocks.clear();
+        self.ids.clear();
+    }
+
+    fn push(&mut self, sample: &Sample, id: u32) {
+        let lane = self.ids.len() % LANES;
+        if lane == 0 {
+            self.blocks.push([
+                [f32::INFINITY; LANES],
+                [0.0; LANES],
+                [0.0; LANES],
+                [0.0; LANES],
+                [0.0; LANES],
+                [0.0; LANES],
+            ]);
+        }
+        let numbers = [sample.position.to_array(), sample.normal.to_array()];
+        if let Some(block) = self.blocks.last_mut() {
+            block.iter_mut().zip(numbers.as_flattened()).for_each(|(row, number)| row[lane] = *number);
+        }
+        self.ids.push(id);
+    }
+
+    /// The nearest sample, the first of several. As [`distance2`] says, operation by operation, so that it is the same on every
+    /// processor.
+    #[inline(always)]
+    fn nearest(&self, (position, normal): (Vec3, Vec3)) -> Option<u32> {
+        let (mut least, mut nearest) = ([f32::INFINITY; LANES], [u32::MAX; LANES]);
+        for (number, [x, y, z, u, v, w]) in self.blocks.iter().enumerate() {
+            for lane in 0..LANES {
+                let [x, y, z] = [position.x - x[lane], position.y - y[lane], position.z - z[lane]];
+                let cosine = normal.x * u[lane] + normal.y * v[lane] + normal.z * w[lane];
+                let distance2 = (x * x + y * y + z * z) + (1.0 - cosine);
+                let is_nearer = distance2 < least[lane];
+                least[lane] = if is_nearer { distance2 } else { least[lane] };
+                nearest[lane] = if is_nearer { number as u32 } else { nearest[lane] };
+            }
+        }
+        let place = |lane: usize| (least[lane], nearest[lane] as usize * LANES + lane);
+        let found = (0..LANES).filter(|&lane| least[lane] < f32::INFINITY).map(place);
+        let first = found.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)))?;
+        self.ids.get(first.1).copied()
+    }
 }
 
 /// The points of each sample, as one list with the place where each sample's begin.
@@ -199,5 +252,41 @@ impl Sample {
         let (there, up) = place(points, anchor as usize);
         let position = centroid - up * (centroid - there).dot(up);
         Self { position, normal: normal.try_normalize().map_or(up, DVec3::as_vec3), anchor }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Eight at a time give what one after the other does, ties included: places and normals are few, so that many samples are alike.
+    #[test]
+    fn the_nearest_is_the_first_of_the_nearest() {
+        let mut state = 7_u32;
+        let mut next = |choices: u32| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 16) % choices
+        };
+        for count in (0..40).chain([100]) {
+            let mut sample = || {
+                let position = Vec3::from([0; 3].map(|_| next(3) as f32 * 0.37));
+                let normal = Vec3::from([0; 3].map(|_| next(2) as f32 + 0.5)).normalize();
+                Sample { position, normal, anchor: 0 }
+            };
+            let samples: Vec<Sample> = (0..count).map(|_| sample()).collect();
+            let mut near = Near::default();
+            samples.iter().zip(100..).for_each(|(sample, id)| near.push(sample, id));
+            for _ in 0..20 {
+                let Sample { position, normal, .. } = sample();
+                let here = (position, normal);
+                let distance2 = |i: &usize| distance2(here, (samples[*i].position, samples[*i].normal));
+                // The first of equals.
+                let expected = (0..count).min_by(|a, b| distance2(a).total_cmp(&distance2(b)));
+                for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
+                    let found = dispatch!(level, _simd => near.nearest(here));
+                    assert_eq!(found, expected.map(|i| i as u32 + 100), "{level:?}, {count} samples");
+                }
+            }
+        }
     }
 }
