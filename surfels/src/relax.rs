@@ -176,14 +176,9 @@ impl Near {
     fn push(&mut self, sample: &Sample, id: u32) {
         let lane = self.ids.len() % LANES;
         if lane == 0 {
-            self.blocks.push([
-                [f32::INFINITY; LANES],
-                [0.0; LANES],
-                [0.0; LANES],
-                [0.0; LANES],
-                [0.0; LANES],
-                [0.0; LANES],
-            ]);
+            let mut block = [[0.0; LANES]; 6];
+            block[0] = [f32::INFINITY; LANES];
+            self.blocks.push(block);
         }
         let numbers = [sample.position.to_array(), sample.normal.to_array()];
         if let Some(block) = self.blocks.last_mut() {
