@@ -1,14 +1,17 @@
-//! Colour and shading normal at a point of the surface.
+//! Colour and shading normal of a piece of the surface.
 
-use crate::facets::{Facet, Facets, Part};
-use crate::mesh::Texture;
-use crate::points::Points;
+use crate::facets::{Facet, Facets};
+use crate::mesh::{Mesh, Primitive, Texture};
 use crate::texture::{Mask, Pyramid};
 use glam::{Vec2, Vec3, Vec4};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// What points of a mesh look like.
+/// The area of a piece over which a texture is looked at in one go, in squared cells: what of a texture is finer than an eighth of a
+/// cell is lost to the kernel.
+const TEXTURED_AREA: f32 = 0.125;
+
+/// What pieces of a mesh look like.
 pub(crate) struct Appearance<'a> {
     facets: &'a Facets<'a>,
     /// Of each part.
@@ -22,9 +25,9 @@ pub(crate) struct Textures<'a>(HashMap<Key, Pyramid<'a>>);
 type Key = (*const Texture, Option<[u32; 2]>);
 
 impl<'a> Textures<'a> {
-    pub(crate) fn new(facets: &'a Facets) -> Self {
+    pub(crate) fn new(mesh: &'a Mesh) -> Self {
         let mut pyramids = HashMap::new();
-        for part in &facets.parts {
+        for part in &mesh.primitives {
             if let Some(texture) = texture(part) {
                 pyramids.entry(key(part, texture)).or_insert_with(|| Pyramid::new(texture, mask(part)));
             }
@@ -34,28 +37,35 @@ impl<'a> Textures<'a> {
 }
 
 /// The texture of a part that has coordinates for one.
-fn texture<'a>(part: &Part<'a>) -> Option<&'a Arc<Texture>> {
-    part.primitive.tex_coords.as_ref().and(part.primitive.material.texture.as_ref())
+fn texture(part: &Primitive) -> Option<&Arc<Texture>> {
+    part.tex_coords.as_ref().and(part.material.texture.as_ref())
 }
 
-fn mask(part: &Part) -> Option<Mask> {
-    let factor = part.primitive.material.factor.w;
-    part.primitive.alpha_cutoff.map(|cutoff| Mask { factor, cutoff })
+fn mask(part: &Primitive) -> Option<Mask> {
+    let factor = part.material.factor.w;
+    part.alpha_cutoff.map(|cutoff| Mask { factor, cutoff })
 }
 
-fn key(part: &Part, texture: &Arc<Texture>) -> Key {
+fn key(part: &Primitive, texture: &Arc<Texture>) -> Key {
     (Arc::as_ptr(texture), mask(part).map(|mask| [mask.factor, mask.cutoff].map(f32::to_bits)))
 }
 
 impl<'a> Appearance<'a> {
     pub(crate) fn new(facets: &'a Facets<'a>, textures: &'a Textures<'a>) -> Self {
-        let find = |part| texture(part).and_then(|texture| textures.0.get(&key(part, texture)));
-        Self { facets, textures: facets.parts.iter().map(find).collect() }
+        let find = |part: &Primitive| texture(part).and_then(|texture| textures.0.get(&key(part, texture)));
+        Self { facets, textures: facets.parts.iter().map(|part| find(part.primitive)).collect() }
     }
 
-    /// Linear premultiplied colour and unit shading normal at a point, the colour over the point's extent.
-    pub(crate) fn at(&self, points: &Points, point: usize) -> (Vec4, Vec3) {
-        let facet = &self.facets.facets[points.facets[point] as usize];
+    /// The largest pieces of a facet that one look is enough for, in squared cells: where what there is to see is not linear, it is
+    /// looked at in parts.
+    pub(crate) fn most_area(&self, facet: &Facet) -> f32 {
+        let is_linear = self.textures[facet.part as usize].is_none()
+            && self.facets.parts[facet.part as usize].primitive.alpha_cutoff.is_none();
+        if is_linear { f32::INFINITY } else { TEXTURED_AREA }
+    }
+
+    /// Linear premultiplied colour and unit shading normal of a piece of a facet around a place, the colour over its area.
+    pub(crate) fn at(&self, facet: &Facet, place: Vec3, area: f32) -> (Vec4, Vec3) {
         let part = &self.facets.parts[facet.part as usize];
         let pyramid = self.textures[facet.part as usize];
         let primitive = part.primitive;
@@ -64,14 +74,14 @@ impl<'a> Appearance<'a> {
             return (visible(color, primitive.alpha_cutoff), facet.normal);
         }
         let vertices = part.vertices(facet.triangle);
-        let shares = self.barycentric(facet, points.positions[point]);
+        let shares = self.barycentric(facet, place);
         if let Some(colors) = &primitive.colors {
             color *= mix(vertices.map(|v| colors[v]), shares);
         }
         color = visible(color, primitive.alpha_cutoff);
         if let (Some(pyramid), Some(coords)) = (pyramid, &primitive.tex_coords) {
             let coords = vertices.map(|v| coords[v]);
-            let share_of_facet = points.areas[point] / facet.area;
+            let share_of_facet = area.max(TEXTURED_AREA) / facet.area;
             let at = coords[0] * shares.x + coords[1] * shares.y + coords[2] * shares.z;
             color *= pyramid.sample(at, texels(coords, pyramid.size()) * share_of_facet);
         }

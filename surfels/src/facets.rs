@@ -1,10 +1,10 @@
-//! The triangles of a mesh in one space: relative to its middle, in units of the spacing.
+//! The triangles of a mesh in one space: relative to its middle, in sides of the cells of a lattice.
 
 use crate::mesh::{Mesh, Primitive};
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
-/// A primitive's vertices in units of the spacing.
+/// A primitive's vertices in sides of a cell.
 pub(crate) struct Part<'a> {
     pub(crate) primitive: &'a Primitive,
     pub(crate) positions: Vec<Vec3>,
@@ -22,7 +22,7 @@ pub(crate) struct Facet {
     pub(crate) triangle: u32,
     /// Outward unit normal.
     pub(crate) normal: Vec3,
-    /// In squared spacings.
+    /// In squared cells.
     pub(crate) area: f32,
 }
 
@@ -33,9 +33,9 @@ pub(crate) struct Facets<'a> {
 }
 
 impl<'a> Facets<'a> {
-    /// Places a checked mesh: `middle` becomes the origin, `spacing` (mesh units) becomes 1.
-    pub(crate) fn new(mesh: &'a Mesh, middle: DVec3, spacing: f64) -> Self {
-        let parts: Vec<Part> = mesh.primitives.iter().map(|p| Part::new(p, middle, spacing)).collect();
+    /// Places a checked mesh: `middle` becomes the origin, `cell` (mesh units) becomes 1.
+    pub(crate) fn new(mesh: &'a Mesh, middle: DVec3, cell: f64) -> Self {
+        let parts: Vec<Part> = mesh.primitives.iter().map(|p| Part::new(p, middle, cell)).collect();
         let mut facets = Vec::new();
         for (index, part) in parts.iter().enumerate() {
             let found = (0..part.primitive.triangles.len() as u32).into_par_iter().filter_map(|triangle| {
@@ -50,6 +50,17 @@ impl<'a> Facets<'a> {
         Self { parts, facets }
     }
 
+    /// How many pieces the facets are parted into at most, up to chance: a triangle goes through as many cells as its shadows along
+    /// the axes have areas, its box has lengths, and one, in the mean over all places of the lattice.
+    pub(crate) fn pieces(&self) -> u64 {
+        let pieces = |facet: &Facet| {
+            let [a, b, c] = self.corners(facet);
+            let lengths = a.max(b).max(c) - a.min(b).min(c);
+            (1.0 + lengths.element_sum() + facet.normal.abs().element_sum() * facet.area).ceil() as u64
+        };
+        self.facets.par_iter().map(pieces).reduce(|| 0, u64::saturating_add)
+    }
+
     /// A facet's corners, counter-clockwise seen from outside.
     pub(crate) fn corners(&self, facet: &Facet) -> [Vec3; 3] {
         self.parts[facet.part as usize].corners(facet.triangle)
@@ -57,9 +68,9 @@ impl<'a> Facets<'a> {
 }
 
 impl<'a> Part<'a> {
-    fn new(primitive: &'a Primitive, middle: DVec3, spacing: f64) -> Self {
+    fn new(primitive: &'a Primitive, middle: DVec3, cell: f64) -> Self {
         let to_mesh = primitive.primitive_to_mesh;
-        let place = |p: &Vec3| ((to_mesh.transform_point3(p.as_dvec3()) - middle) / spacing).as_vec3();
+        let place = |p: &Vec3| ((to_mesh.transform_point3(p.as_dvec3()) - middle) / cell).as_vec3();
         let determinant = to_mesh.matrix3.determinant();
         // Normals are covectors: the cofactors carry them, and stay finite where the inverse is not.
         let cofactors = cofactors(to_mesh.matrix3) * determinant.signum();

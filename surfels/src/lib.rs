@@ -1,10 +1,8 @@
 //! Meshes, point clouds and depth images to surfels: samples of a surface, each with the area that it stands for.
 //!
-//! [`sample`] turns the surface into many small pieces of known area ("points"), chooses some of them as
-//! samples that keep their distance, and gives every point to its nearest sample: what a sample owns is its
-//! area, its normal and its colour. Nothing of the surface is lost or counted twice, so the areas sum to the
-//! mesh's. One Gaussian of one width for all surfels then smooths these areas to an even cover, whatever
-//! the triangles are like: huge, tiny, slivers, or all of them.
+//! [`sample`] parts the surface at a cubic lattice; what of a sheet lies in one cell becomes a surfel with that area, middle,
+//! covariance, normal and colour. Nothing of the surface is lost or counted twice, so the areas sum to the
+//! mesh's. Blurred by one Gaussian they are an even cover, whatever the triangles are like: huge, tiny, slivers, or all of them.
 //!
 //! [`point_surfels`] makes each point of a scan a surfel, whose plane and area its neighbours tell, [`depth_surfels`] each pixel of an
 //! [`RgbdImage`]. [`merge_flat`] merges surfels where a surface is flat.
@@ -22,16 +20,16 @@ pub mod mesh;
 pub mod primitives;
 
 mod appearance;
+mod cells;
 mod depth_image;
+mod divide;
 mod error;
 mod facets;
 mod flat;
-mod grid;
 mod measure;
 mod point_cloud;
-mod points;
-mod relax;
 mod sample;
+mod share;
 mod texture;
 mod view;
 

@@ -14,6 +14,13 @@ impl Mesh {
         corners.map(double).sum::<f64>() / 2.0
     }
 
+    /// The areas of its shadows along the axes of mesh space, each triangle by itself, in sum; from 1 to √3 times [`Self::area`].
+    pub(crate) fn shadows(&self) -> f64 {
+        let double = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a).abs().element_sum();
+        let corners = self.primitives.iter().flat_map(placed_triangles);
+        corners.map(double).sum::<f64>() / 2.0
+    }
+
     /// The smallest and largest corner of all triangles in mesh space; `None` without triangles.
     pub fn bounds(&self) -> Option<[DVec3; 2]> {
         let corners = self.primitives.iter().flat_map(placed_triangles).flatten();

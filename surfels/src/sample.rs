@@ -1,15 +1,14 @@
 //! From meshes to clouds of surfels.
 
 use crate::appearance::{Appearance, Textures};
+use crate::cells::{LONGEST_EXTENT, Rule, surfels};
 use crate::error::SampleError;
 use crate::facets::Facets;
-use crate::grid::LONGEST_EXTENT;
 use crate::mesh::Mesh;
-use crate::points::Points;
-use crate::relax::{Voronoi, relax, scatter};
-use glam::{DAffine3, DVec3, DVec4, Vec3, Vec4};
+use crate::share::Surfel;
+use glam::{DAffine3, DVec3};
 use oblate_engine::Cloud;
-use oblate_engine::cloud::{Material, Shapes, Splats, Strength, Surface, oblate_factor};
+use oblate_engine::cloud::{Material, Shapes, Splats, Strength, Surface};
 use rayon::prelude::*;
 
 /// How many surfels a mesh gets.
@@ -38,25 +37,32 @@ impl Default for SamplerSettings {
     }
 }
 
-/// The radius of every surfel of a mesh, as a share of the spacing: the standard deviation of its Gaussian.
+/// The standard deviation of the Gaussian that blurs what surfels own, as a share of a cell.
 ///
-/// All surfels share it, whatever their areas: then the summed coverage is the area on the surface smoothed
-/// by one kernel, and a surfel that owns less counts less. Measured on a plane with 0.8 spacings, Σw is within
-/// 0.95–1.05; with a width from each surfel's own area 0.86–1.18, with a shape from the moments of what it
-/// owns 0.81–1.25. Widths of 0.5, 0.6, 0.7 and 0.8 spacings give 0.76–1.34, 0.87–1.15, 0.92–1.09 and
-/// 0.95–1.06: this is the sharpest that keeps clear of the floor also where surfaces bend.
+/// A surfel has the covariance of the piece of surface that it owns and this blur. Whatever the pieces are, the sum over surfels is
+/// then the area on the surface smoothed by one kernel, up to third moments.
+const BLUR: f64 = 0.45;
+
+/// Half the depth tolerance of a mesh's surfels, as a share of the spacing: about the mean standard deviation of their Gaussians.
 pub const KERNEL_SIGMA: f32 = 0.7;
 
 /// The floor w₀ of the summed coverage that [`sample`] keeps three radii away from borders and creases.
 pub const COVERAGE_FLOOR: f32 = 0.85;
 
-/// Points that a mesh may become, for each surfel it may have and for each of its triangles.
-const MOST_POINTS: [usize; 2] = [64, 2];
+/// Pieces that a mesh may be parted into, for each surfel it may have and for each of its triangles.
+const MOST_PIECES: [u64; 2] = [64, 2];
+
+/// Where the lattice begins before the bounds, in cells: what is aligned with the axes or has its edges along diagonals lies
+/// clear of its planes and edges.
+const MARGINS: DVec3 = DVec3::new(0.3, 0.55, 0.8);
+
+/// The cosine of the angle at which two sheets in a cell are apart.
+const APART: f64 = 0.5;
 
 /// Spreads surfels evenly over a mesh, through its primitives' transforms.
 ///
 /// The cloud's space is the mesh's, moved so that the middle of the bounds is its origin; `cloud_to_world`
-/// moves it back. Surfels are flat discs, along a Morton curve; what they look like is the mean over the area that they own:
+/// moves it back. Surfels are flat, along a Morton curve; what they look like is the mean over the area that they own:
 /// - area, in squared mesh units: they sum to [`Mesh::area`];
 /// - the disc faces the mean of the triangles' normals, outwards: a triangle's outside is where its corners
 ///   are seen counter-clockwise, and a mirroring transform leaves outside what was outside;
@@ -93,89 +99,59 @@ pub fn sample(mesh: &Mesh, density: Density, settings: &SamplerSettings) -> Resu
     // A little below the cap, so that the count's spread seldom takes it beyond.
     let least = (area / (0.95 * max as f64)).sqrt().max((high - low).max_element() / LONGEST_EXTENT);
     let middle = (low + high) / 2.0;
+    let extent = (high - low).max_element();
+    let textures = Textures::new(mesh);
+    let mut least_cosine = APART;
     let mut spacing = wanted.max(least);
     loop {
-        if !((spacing * spacing) as f32).is_normal() {
+        // A plane goes through as many cells as its shadows along the axes have areas.
+        let cell = spacing * (mesh.shadows() / area).sqrt();
+        if !((cell * cell) as f32).is_normal() {
             return Err(SampleError::Size(spacing));
         }
-        let facets = Facets::new(mesh, middle, spacing);
+        let facets = Facets::new(mesh, middle, cell);
         if facets.facets.is_empty() {
             return Err(SampleError::NoArea);
         }
-        let counts: Vec<usize> = facets.facets.par_iter().map(|f| Points::count(&facets, f)).collect();
-        let most = MOST_POINTS[0].saturating_mul(max).saturating_add(MOST_POINTS[1] * counts.len());
-        if counts.iter().sum::<usize>() > most.min(u32::MAX as usize) {
-            spacing *= 1.5; // Slivers: their points go by length and not by area.
+        let most = MOST_PIECES[0].saturating_mul(max as u64) + MOST_PIECES[1] * facets.facets.len() as u64;
+        if facets.pieces() > most.min(u64::from(u32::MAX)) {
+            spacing *= 1.5; // Slivers: their pieces go by length and not by area.
             continue;
         }
-        let points = Points::new(&facets, &counts);
-        let chosen = scatter(&points);
-        if chosen.len() > max {
-            spacing *= 1.01 * (chosen.len() as f64 / max as f64).sqrt();
+        let rule = Rule { shift: (middle - low) / cell + MARGINS, least_cosine, blur: BLUR * BLUR };
+        let found = surfels(&facets, &Appearance::new(&facets, &textures), rule);
+        if found.len() > max {
+            if cell > extent {
+                least_cosine = -1.0; // Few are wanted of what faces everywhere.
+            }
+            spacing *= 1.01 * (found.len() as f64 / max as f64).sqrt();
             continue;
         }
-        let cells = relax(&points, &chosen);
-        let textures = Textures::new(&facets);
-        let look = Appearance::new(&facets, &textures);
-        let surfel = |sample| Surfel::new(&points, &cells, &look, sample);
-        let surfels: Vec<Surfel> = (0..cells.samples.len()).into_par_iter().filter_map(surfel).collect();
-        let splats = splats(mesh, &surfels, spacing, settings).in_morton_order();
+        let splats = splats(mesh, &found, (cell, spacing), settings);
         return Ok(Cloud::new(splats)?.transformed(DAffine3::from_translation(middle)));
     }
 }
 
-/// A surfel in units of the spacing.
-struct Surfel {
-    center: Vec3,
-    /// Its plane's outward normal.
-    facing: Vec3,
-    area: f32,
-    /// For shading.
-    normal: Vec3,
-    /// Linear, premultiplied.
-    color: Vec4,
-}
-
-impl Surfel {
-    fn new(points: &Points, cells: &Voronoi, look: &Appearance, index: usize) -> Option<Self> {
-        let sample = &cells.samples[index];
-        let (mut area, mut color, mut normal) = (0.0, DVec4::ZERO, DVec3::ZERO);
-        for &member in cells.members(index) {
-            let share = f64::from(points.areas[member as usize]);
-            let (here, up) = look.at(points, member as usize);
-            area += share;
-            color += here.as_dvec4() * share;
-            normal += up.as_dvec3() * share;
-        }
-        (area > 0.0).then(|| Self {
-            center: sample.position,
-            facing: sample.normal,
-            area: area as f32,
-            normal: normal.try_normalize().map_or(sample.normal, DVec3::as_vec3),
-            color: (color / area).as_vec4(),
-        })
-    }
-}
-
-fn splats(mesh: &Mesh, surfels: &[Surfel], spacing: f64, settings: &SamplerSettings) -> Splats {
-    let length = spacing as f32;
-    let radius = KERNEL_SIGMA * length;
-    let map = |surfel: &Surfel| surfel.center * length;
-    let factor = |surfel: &Surfel| oblate_factor(surfel.facing, radius, f32::INFINITY);
+fn splats(
+    mesh: &Mesh,
+    surfels: &[Surfel],
+    (cell, spacing): (f64, f64),
+    settings: &SamplerSettings,
+) -> Splats {
     let color = |surfel: &Surfel| {
         let alpha = surfel.color.w;
         if alpha > 0.0 { (surfel.color.truncate() / alpha).to_array() } else { [0.0; 3] }
     };
-    let translucent = surfels.iter().any(|surfel| surfel.color.w < 1.0 - 1e-6);
+    let translucent = surfels.par_iter().any(|surfel| surfel.color.w < 1.0 - 1e-6);
     let opacities = || surfels.par_iter().map(|surfel| surfel.color.w.clamp(0.0, 1.0)).collect();
-    let area = |surfel: &Surfel| (f64::from(surfel.area) * spacing * spacing) as f32;
+    let area = |surfel: &Surfel| (f64::from(surfel.area) * cell * cell) as f32;
     Splats {
-        centers: surfels.par_iter().map(map).collect(),
-        shapes: Shapes::Each(surfels.par_iter().map(factor).collect()),
+        centers: surfels.par_iter().map(|surfel| (surfel.center * cell).as_vec3()).collect(),
+        shapes: Shapes::Each(surfels.par_iter().map(|surfel| surfel.factor * cell as f32).collect()),
         strength: Strength::Surface(Surface {
             areas: surfels.par_iter().map(area).collect(),
             opacities: translucent.then(opacities),
-            depth_tolerance: 2.0 * radius,
+            depth_tolerance: 2.0 * KERNEL_SIGMA * spacing as f32,
             coverage_floor: COVERAGE_FLOOR,
             closed: if translucent { mesh.is_single_sided() } else { mesh.is_closed() },
         }),

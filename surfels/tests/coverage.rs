@@ -87,9 +87,9 @@ fn neighbours_keep_their_distance() {
         };
         let mut distances: Vec<f64> = (0..cloud.len()).map(nearest).collect();
         distances.sort_by(f64::total_cmp);
-        // A hexagonal lattice would have 1.07, random places have 0.5 in the median and 0.01 at least.
+        // The square lattice of an aligned plane, but for cells that the border cuts.
         assert!(distances[0] > 0.5, "two are {} spacings apart", distances[0]);
-        assert!(distances[distances.len() / 100] > 0.65 && distances[distances.len() / 2] > 0.75);
+        assert!((distances[distances.len() / 2] - 1.0).abs() < 1e-3);
         assert!(distances[distances.len() - 1] < 1.5);
     }
 }

@@ -56,8 +56,11 @@ fn surfels_are_flat_discs() {
     for i in 0..cloud.len() {
         let factor = cloud.factor(i);
         assert_eq!(factor.z_axis, Vec3::ZERO);
-        assert!((factor.x_axis.length() / factor.y_axis.length() - 1.0).abs() < 1e-5);
-        assert!((2.0 * factor.x_axis.length() / tolerance - 1.0).abs() < 1e-5);
+        // At least the blur, 0.45 cells of 1.23 spacings; at most what the largest piece, a hexagon or a rectangle, adds to it.
+        for axis in [factor.x_axis, factor.y_axis] {
+            let radii = 2.0 * axis.length() / tolerance;
+            assert!((0.7..1.1).contains(&radii), "{radii}");
+        }
     }
 }
 
@@ -191,7 +194,9 @@ fn never_more_surfels_than_the_cap() {
         let settings = SamplerSettings { max_surfels, ..settings };
         let cloud = sample(&mesh, Density::Spacing(1e-4), &settings).unwrap();
         assert!(cloud.len() <= max_surfels && 3 * cloud.len() >= max_surfels, "{}", cloud.len());
-        assert!((total_area(&cloud) / mesh.area() - 1.0).abs() < 1e-6);
+        let error = total_area(&cloud) / mesh.area() - 1.0;
+        // Places up to 31 from the middle are rounded to 24 bits, the sides of the square are 2.
+        assert!(error.abs() < 4e-6, "{max_surfels}: {error}, {}", cloud.len());
     }
     // A hair: 1 long, 10⁻⁶ wide. By its area it would be a million spacings of 10⁻⁶ long.
     let hair = mesh_of(primitives::plane(1), DAffine3::from_scale(dvec3(1.0, 1.0, 1e-6)));
