@@ -200,3 +200,37 @@ fn gather(bits: u64) -> u32 {
     bits = (bits | bits >> 16) & 0x001F_0000_0000_FFFF;
     (bits | bits >> 32) as u32 & 0x001F_FFFF
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn keys_have_the_bits_of_places_in_turns(place in prop::array::uniform3(0..1_u32 << 21)) {
+            let bit = |i: u32| u64::from(place[i as usize % 3] >> (i / 3) & 1) << i;
+            let key = (0..63).map(bit).sum::<u64>();
+            prop_assert_eq!(morton(place.into()), key);
+            prop_assert_eq!(super::place(key), UVec3::from(place));
+        }
+
+        /// Halves are parts of one area, none too large, around the middle of the whole.
+        #[test]
+        fn halves_are_the_whole(corners in prop::array::uniform9(-1.0..1.0), most in 0.01..1.0) {
+            let [a, b, c] = [0, 3, 6].map(|i| DVec3::from_slice(&corners[i..]));
+            let area = (b - a).cross(c - a).length() / 2.0;
+            let (mut sum, mut first) = (0.0, DVec3::ZERO);
+            halve([a, b, c], (area, most), &mut |middle, part| {
+                assert!(part <= most);
+                sum += part;
+                first += middle * part;
+            });
+            // Of some hundred sums each is off by a rounding of numbers below 2.
+            prop_assert!((sum - area).abs() < 1e-13);
+            prop_assert!((first - (a + b + c) / 3.0 * area).length() < 1e-13);
+        }
+    }
+}

@@ -77,3 +77,81 @@ impl Divider {
         end
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Cells along an axis.
+    const SIDE: u32 = 6;
+
+    fn area(polygon: &[DVec3]) -> f64 {
+        let [first, rest @ ..] = polygon else { return 0.0 };
+        rest.windows(2).map(|pair| (pair[0] - first).cross(pair[1] - first)).sum::<DVec3>().length() / 2.0
+    }
+
+    /// The cells of a box that a triangle goes through, and the area of what lies in each.
+    fn parts(triangle: [DVec3; 3], cells: [UVec3; 2]) -> Vec<(UVec3, f64)> {
+        let mut found = Vec::new();
+        let facing = (triangle[1] - triangle[0]).cross(triangle[2] - triangle[0]).normalize_or_zero();
+        Divider::default().divide(triangle, cells, &mut |cell, polygon| {
+            for corner in polygon {
+                let inside = (corner - cell.as_dvec3()).cmpge(DVec3::splat(-1e-12))
+                    & (corner - cell.as_dvec3()).cmple(DVec3::splat(1.0 + 1e-12));
+                assert!(inside.all(), "{corner} is not in {cell}");
+            }
+            for pair in polygon[1..].windows(2) {
+                let normal = (pair[0] - polygon[0]).cross(pair[1] - polygon[0]);
+                assert!(normal.dot(facing) > -1e-12, "turned round");
+            }
+            found.push((cell, area(polygon)));
+        });
+        found.sort_by_key(|(cell, _)| cell.to_array());
+        found
+    }
+
+    /// Corners that are often on planes of the lattice, though not on its last: what lies on a plane is of the cell above.
+    fn corner() -> impl Strategy<Value = DVec3> {
+        let along = || prop_oneof![0.0..f64::from(SIDE), (0..SIDE).prop_map(f64::from)];
+        [along(), along(), along()].prop_map(DVec3::from)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn parts_are_the_triangle_each_in_a_cell_of_its_own(a in corner(), b in corner(), c in corner()) {
+            let all = [UVec3::ZERO, UVec3::splat(SIDE - 1)];
+            let found = parts([a, b, c], all);
+            prop_assert!(found.windows(2).all(|pair| pair[0].0 != pair[1].0));
+            // Each of some hundred places is off by a few roundings of 6.
+            let sum: f64 = found.iter().map(|(_, area)| area).sum();
+            prop_assert!((sum - area(&[a, b, c])).abs() < 1e-12);
+            // A cell asked alone has the same of it.
+            for index in 0..SIDE.pow(3) {
+                let cell = UVec3::new(index / SIDE.pow(2), index / SIDE % SIDE, index % SIDE);
+                let of_cell = |parts: &[(UVec3, f64)]| {
+                    parts.iter().filter(|(own, _)| *own == cell).map(|(_, area)| area).sum::<f64>()
+                };
+                let alone = parts([a, b, c], [cell, cell]);
+                prop_assert!((of_cell(&alone) - of_cell(&found)).abs() < 1e-12);
+                prop_assert!(alone.iter().all(|(own, _)| *own == cell));
+            }
+        }
+    }
+
+    #[test]
+    fn a_square_along_the_lattice_is_parted_into_squares() {
+        let at = |x: f64, y: f64| DVec3::new(x, y, 0.5);
+        let all = [UVec3::ZERO, UVec3::splat(3)];
+        let halves = [[at(0.5, 0.5), at(3.5, 0.5), at(3.5, 3.5)], [at(0.5, 0.5), at(3.5, 3.5), at(0.5, 3.5)]];
+        let mut found = [[0.0; 4]; 4];
+        for (cell, area) in halves.into_iter().flat_map(|triangle| parts(triangle, all)) {
+            assert_eq!(cell.z, 0);
+            found[cell.x as usize][cell.y as usize] += area;
+        }
+        let along = [0.5, 1.0, 1.0, 0.5];
+        assert_eq!(found, along.map(|x| along.map(|y| x * y)));
+    }
+}
