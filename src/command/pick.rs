@@ -47,7 +47,7 @@ struct Picked<'a> {
     /// The cloud of the scene, and the splat in it.
     cloud: usize,
     splat: usize,
-    /// As in EXR files.
+    /// As in EXR files of pictures in which no splat stands for several.
     id: u32,
     /// z along the view axis.
     depth: f64,

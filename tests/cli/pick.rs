@@ -14,7 +14,9 @@ fn what_is_picked_is_what_pictures_have_ids_of() {
     place.cube();
     place.write(
         "scene.toml",
-        "version = 1\n[camera]\neye = [3, 4, 20]\ntarget = [0, 0, 0]\n[render]\nsize = [40, 30]\n\
+        // Where one splat stands for several, pictures have its id.
+        "version = 1\n[camera]\neye = [3, 4, 20]\ntarget = [0, 0, 0]\n\
+         [render]\nsize = [40, 30]\nlevel-of-detail = false\n\
          [[mesh]]\npath = 'cube.obj'\nsurfels = 900\ninstances = [{}, { translate = [3, 0, 0], scale = 0.5 }]\n",
     );
     place.run(&["render", "scene.toml", "-o", "e.exr", "--footprint", "exact"]);
