@@ -13,7 +13,7 @@ use glam::{DAffine3, DVec3};
 use oblate::engine::{Camera, Cloud, HalfSpace, Light, Scene};
 use oblate::surfels::{
     Density, Mesh, PointCloud, PointColor, PointSettings, SamplerSettings, point_surfels, sample,
-    shown_spacing, view_spacing,
+    sample_seen, shown_spacing, view_spacing,
 };
 use oblate::volumes::Volume;
 use rayon::prelude::*;
@@ -129,8 +129,11 @@ pub(crate) fn assemble(
         let _task = console.task(format!("surfels of {name}"));
         // The meshes share the limit by their areas.
         let share = (most * mesh.area() / whole) as usize;
-        let cloud = surfels(&mesh, &look, &camera, share.min(ids)).with_context(|| name.clone())?;
-        standing.push(Standing { name, cloud, moves, kept: kept(&look) });
+        let kept = kept(&look);
+        // What is cut open shows its backs, and other places show other sides.
+        let is_whole = moves.len() > 1 || !kept.is_empty();
+        let cloud = surfels(&mesh, &look, (&camera, is_whole), share.min(ids));
+        standing.push(Standing { cloud: cloud.with_context(|| name.clone())?, name, moves, kept });
     }
 
     let (mut clouds, mut origins) = (Vec::with_capacity(places), Vec::with_capacity(places));
@@ -253,14 +256,18 @@ fn framed(
 /// The least number of points that a thread looks at in one go.
 const POINTS_A_TASK: usize = 4096;
 
-/// As many surfels as asked for; else one a pixel, at most `most`.
-fn surfels(mesh: &Mesh, look: &Look, camera: &Camera, most: usize) -> Result<Cloud> {
+/// As many surfels as asked for; else one a pixel, at most `most`, and where a mesh needn't be whole none of what the picture
+/// doesn't show.
+fn surfels(mesh: &Mesh, look: &Look, (camera, is_whole): (&Camera, bool), most: usize) -> Result<Cloud> {
     if look.surfels.is_some() || look.surfel_spacing.is_some() {
         return asked_surfels(mesh, look);
     }
-    let density = Density::Spacing(view_spacing(camera, mesh.bounds().unwrap_or_default()));
-    let max_surfels = most.max(1);
-    Ok(sample(mesh, density, &SamplerSettings { max_surfels, ..SamplerSettings::default() })?)
+    let settings = SamplerSettings { max_surfels: most.max(1), ..SamplerSettings::default() };
+    if !is_whole {
+        return Ok(sample_seen(mesh, camera, &settings)?);
+    }
+    let spacing = view_spacing(camera, mesh.bounds().unwrap_or_default());
+    Ok(sample(mesh, Density::Spacing(spacing), &settings)?)
 }
 
 /// As many surfels as asked for.

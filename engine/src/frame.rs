@@ -31,8 +31,7 @@ pub struct Frame {
     /// Unit normal of the first surface layer in the world, on the side that is seen; zero where there is none.
     pub normal: Vec<[f32; 3]>,
     /// Id of the front-most surface splat, counted through the scene's clouds, of one that stands for several that of its
-    /// first; [`Frame::NO_ID`] where
-    /// there is none.
+    /// first; [`Frame::NO_ID`] where there is none.
     pub id: Vec<u32>,
 }
 

@@ -1,6 +1,7 @@
 //! The triangles of a mesh in one space: relative to its middle, in sides of the cells of a lattice.
 
 use crate::mesh::{Mesh, Primitive};
+use crate::sight::Sight;
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -26,7 +27,7 @@ pub(crate) struct Facet {
     pub(crate) area: f32,
 }
 
-/// All triangles of a mesh that have area.
+/// The triangles of a mesh that have area, all or those that are seen.
 pub(crate) struct Facets<'a> {
     pub(crate) parts: Vec<Part<'a>>,
     pub(crate) facets: Vec<Facet>,
@@ -34,7 +35,9 @@ pub(crate) struct Facets<'a> {
 
 impl<'a> Facets<'a> {
     /// Places a checked mesh: `middle` becomes the origin, `cell` (mesh units) becomes 1.
-    pub(crate) fn new(mesh: &'a Mesh, middle: DVec3, cell: f64) -> Self {
+    pub(crate) fn new(mesh: &'a Mesh, (middle, cell): (DVec3, f64), sight: Option<&Sight>) -> Self {
+        let sees =
+            |corners: [DVec3; 3]| sight.is_none_or(|sight| sight.sees(corners.map(|p| p * cell + middle)));
         let parts: Vec<Part> = mesh.primitives.iter().map(|p| Part::new(p, middle, cell)).collect();
         let mut facets = Vec::new();
         for (index, part) in parts.iter().enumerate() {
@@ -43,7 +46,12 @@ impl<'a> Facets<'a> {
                 let double = (b - a).cross(c - a);
                 let area = (double.length() / 2.0) as f32;
                 let normal = double.try_normalize()?.as_vec3();
-                (area > 0.0).then_some(Facet { part: index as u32, triangle, normal, area })
+                (area > 0.0 && sees([a, b, c])).then_some(Facet {
+                    part: index as u32,
+                    triangle,
+                    normal,
+                    area,
+                })
             });
             facets.append(&mut found.collect());
         }

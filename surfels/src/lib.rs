@@ -26,10 +26,12 @@ mod divide;
 mod error;
 mod facets;
 mod flat;
+mod frustum;
 mod measure;
 mod point_cloud;
 mod sample;
 mod share;
+mod sight;
 mod texture;
 mod view;
 
@@ -43,5 +45,5 @@ pub use mesh::{BaseColor, Mesh, Primitive, Texture, Wrap};
 pub use point_cloud::{
     POINT_COVERAGE_FLOOR, PointCloud, PointColor, PointError, PointSettings, point_surfels,
 };
-pub use sample::{COVERAGE_FLOOR, Density, KERNEL_SIGMA, SamplerSettings, sample};
+pub use sample::{COVERAGE_FLOOR, Density, KERNEL_SIGMA, SamplerSettings, sample, sample_seen};
 pub use view::{shown_spacing, view_spacing};

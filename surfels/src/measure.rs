@@ -1,30 +1,67 @@
 //! What a mesh measures, and whether it can be sampled.
 
 use crate::error::SampleError;
-use crate::mesh::{Mesh, Primitive};
+use crate::mesh::{Mesh, Primitive, Texture};
+use crate::sight::Sight;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
+
+/// Triangles that one task measures.
+const TRIANGLES_PER_TASK: usize = 4096;
+
+/// What the triangles of a mesh measure in mesh space.
+#[derive(Clone, Copy)]
+pub(crate) struct Extent {
+    /// In squared mesh units.
+    pub(crate) area: f64,
+    /// The areas of the shadows along the axes, each triangle by itself, in sum; from 1 to √3 times the area.
+    pub(crate) shadows: f64,
+    /// The smallest and largest corner.
+    pub(crate) bounds: [DVec3; 2],
+}
+
+impl Extent {
+    /// Of the triangles that are seen, or of all; `None` without any. Triangles that name missing vertices don't count.
+    pub(crate) fn of(mesh: &Mesh, sight: Option<&Sight>) -> Option<Self> {
+        let of_triangle = |corners: [DVec3; 3]| {
+            let [a, b, c] = corners;
+            let double = (b - a).cross(c - a);
+            let bounds = [a.min(b).min(c), a.max(b).max(c)];
+            Self { area: double.length() / 2.0, shadows: double.abs().element_sum() / 2.0, bounds }
+        };
+        let of_some = |primitive: &Primitive, some: &[[u32; 3]]| {
+            let seen =
+                placed(primitive, some).filter(|corners| sight.is_none_or(|sight| sight.sees(*corners)));
+            seen.map(of_triangle).reduce(Self::and)
+        };
+        let of_part = |primitive: &Primitive| -> Vec<Option<Self>> {
+            let tasks = primitive.triangles.par_chunks(TRIANGLES_PER_TASK);
+            tasks.map(|some| of_some(primitive, some)).collect()
+        };
+        // One after the other: sums are the same whoever made them.
+        mesh.primitives.iter().flat_map(of_part).flatten().reduce(Self::and)
+    }
+
+    fn and(self, other: Self) -> Self {
+        let ([low, high], [other_low, other_high]) = (self.bounds, other.bounds);
+        Self {
+            area: self.area + other.area,
+            shadows: self.shadows + other.shadows,
+            bounds: [low.min(other_low), high.max(other_high)],
+        }
+    }
+}
 
 impl Mesh {
     /// Its area in squared mesh units: the sum over all triangles, as each primitive's transform places
     /// them. Triangles that name missing vertices count nothing.
     pub fn area(&self) -> f64 {
-        let double = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a).length();
-        let corners = self.primitives.iter().flat_map(placed_triangles);
-        corners.map(double).sum::<f64>() / 2.0
-    }
-
-    /// The areas of its shadows along the axes of mesh space, each triangle by itself, in sum; from 1 to √3 times [`Self::area`].
-    pub(crate) fn shadows(&self) -> f64 {
-        let double = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a).abs().element_sum();
-        let corners = self.primitives.iter().flat_map(placed_triangles);
-        corners.map(double).sum::<f64>() / 2.0
+        Extent::of(self, None).map_or(0.0, |extent| extent.area)
     }
 
     /// The smallest and largest corner of all triangles in mesh space; `None` without triangles.
     pub fn bounds(&self) -> Option<[DVec3; 2]> {
-        let corners = self.primitives.iter().flat_map(placed_triangles).flatten();
-        corners.map(|p| [p, p]).reduce(|[low, high], [p, _]| [low.min(p), high.max(p)])
+        Extent::of(self, None).map(|extent| extent.bounds)
     }
 
     /// Whether the surface is closed: every edge belongs to exactly two triangles that run along it in
@@ -70,6 +107,16 @@ impl Mesh {
         self.primitives.iter().all(|part| part.triangles.is_empty() || !part.double_sided)
     }
 
+    /// Whether nothing of it can be seen through: no alpha is below 1, and none of a texture's.
+    pub(crate) fn is_opaque(&self) -> bool {
+        let whole = |texture: &Texture| texture.texels.par_iter().all(|texel| texel[3] == u8::MAX);
+        self.primitives.iter().all(|part| {
+            part.material.factor.w >= 1.0
+                && part.colors.iter().flatten().all(|color| color.w >= 1.0)
+                && part.material.texture.as_deref().is_none_or(whole)
+        })
+    }
+
     /// Checks every number that sampling reads.
     pub(crate) fn check(&self) -> Result<(), SampleError> {
         let triangles: usize = self.primitives.iter().map(|p| p.triangles.len()).sum();
@@ -83,13 +130,21 @@ impl Mesh {
     }
 }
 
-/// Each triangle's corners in mesh space.
-fn placed_triangles(primitive: &Primitive) -> impl Iterator<Item = [DVec3; 3]> + '_ {
-    let place = |index: u32| {
+/// The corners of triangles in mesh space, counter-clockwise seen from outside.
+pub(crate) fn placed<'a>(
+    primitive: &'a Primitive,
+    triangles: &'a [[u32; 3]],
+) -> impl Iterator<Item = [DVec3; 3]> + 'a {
+    let to_mesh = primitive.primitive_to_mesh;
+    let mirrored = to_mesh.matrix3.determinant() < 0.0;
+    let place = move |index: u32| {
         let position = primitive.positions.get(index as usize)?;
-        Some(primitive.primitive_to_mesh.transform_point3(position.as_dvec3()))
+        Some(to_mesh.transform_point3(position.as_dvec3()))
     };
-    primitive.triangles.iter().filter_map(move |&[a, b, c]| Some([place(a)?, place(b)?, place(c)?]))
+    triangles.iter().filter_map(move |&[a, b, c]| {
+        let [a, b, c] = [place(a)?, place(b)?, place(c)?];
+        Some(if mirrored { [a, c, b] } else { [a, b, c] })
+    })
 }
 
 fn check(primitive: usize, part: &Primitive) -> Result<(), SampleError> {

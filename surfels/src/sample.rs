@@ -4,11 +4,13 @@ use crate::appearance::{Appearance, Textures};
 use crate::cells::{LONGEST_EXTENT, Rule, surfels};
 use crate::error::SampleError;
 use crate::facets::Facets;
+use crate::measure::Extent;
 use crate::mesh::Mesh;
 use crate::share::Surfel;
+use crate::sight::{Sight, nearest_depth};
 use glam::{DAffine3, DVec3};
-use oblate_engine::Cloud;
 use oblate_engine::cloud::{Material, Shapes, Splats, Strength, Surface};
+use oblate_engine::{Camera, Cloud};
 use rayon::prelude::*;
 
 /// How many surfels a mesh gets.
@@ -84,32 +86,75 @@ const APART: f64 = 0.5;
 /// above 0, or sizes are beyond single precision.
 pub fn sample(mesh: &Mesh, density: Density, settings: &SamplerSettings) -> Result<Cloud, SampleError> {
     mesh.check()?;
-    let area = mesh.area();
-    let [low, high] = mesh.bounds().ok_or(SampleError::Empty)?;
-    if area == 0.0 {
+    let extent = Extent::of(mesh, None).ok_or(SampleError::Empty)?;
+    if extent.area == 0.0 {
         return Err(SampleError::NoArea);
     }
-    let max = settings.max_surfels.max(1);
-    let wanted = match density {
+    let spacing = match density {
         Density::Spacing(value) if value > 0.0 && value.is_finite() => value,
         Density::Spacing(value) => return Err(SampleError::Density { what: "spacing", value }),
         Density::Count(0) => return Err(SampleError::Density { what: "number of surfels", value: 0.0 }),
-        Density::Count(count) => (area / count as f64).sqrt(),
+        Density::Count(count) => (extent.area / count as f64).sqrt(),
     };
+    let spacing = spacing.max(least_spacing(extent, settings));
+    spread((mesh, mesh.is_closed()), (extent, spacing), None, settings)
+}
+
+/// Spreads surfels over what a camera sees of a mesh that stands in the world, one a pixel where it comes nearest.
+///
+/// As [`sample`], but triangles are left out that the picture doesn't show: those more than 16 pixels beside it and, of an opaque mesh
+/// that is [closed](Mesh::is_closed), all that face away. Where nothing is seen the cloud is empty. In this picture, and with filters
+/// of less than four pixels, it looks as the whole mesh does.
+///
+/// # Errors
+/// Those of [`sample`].
+pub fn sample_seen(mesh: &Mesh, camera: &Camera, settings: &SamplerSettings) -> Result<Cloud, SampleError> {
+    mesh.check()?;
+    let whole = Extent::of(mesh, None).ok_or(SampleError::Empty)?;
+    if whole.area == 0.0 {
+        return Err(SampleError::NoArea);
+    }
+    let is_closed = mesh.is_closed();
+    let drops_backs = is_closed && (mesh.is_single_sided() || mesh.is_opaque());
+    let mut spacing = nearest_depth(mesh, camera).map(|depth| camera.pixel_width_at(depth));
+    while let Some(wanted) = spacing {
+        let sight = Sight::new(camera, wanted, drops_backs);
+        let Some(extent) = Extent::of(mesh, Some(&sight)).filter(|extent| extent.area > 0.0) else { break };
+        let least = least_spacing(extent, settings);
+        if wanted >= least {
+            return spread((mesh, is_closed), (extent, wanted), Some(&sight), settings);
+        }
+        spacing = Some(1.01 * least);
+    }
+    Ok(Cloud::new(splats(&[], (1.0, 1.0), (mesh, is_closed), settings))?)
+}
+
+/// The spacing of as many surfels as there may be of some extent, on a lattice that is large enough for it.
+fn least_spacing(Extent { area, bounds: [low, high], .. }: Extent, settings: &SamplerSettings) -> f64 {
     // A little below the cap, so that the count's spread seldom takes it beyond.
-    let least = (area / (0.95 * max as f64)).sqrt().max((high - low).max_element() / LONGEST_EXTENT);
+    let most = 0.95 * settings.max_surfels.max(1) as f64;
+    (area / most).sqrt().max((high - low).max_element() / LONGEST_EXTENT)
+}
+
+/// Surfels on what is seen of a checked mesh, which is closed or isn't.
+fn spread(
+    (mesh, is_closed): (&Mesh, bool),
+    (extent, mut spacing): (Extent, f64),
+    sight: Option<&Sight>,
+    settings: &SamplerSettings,
+) -> Result<Cloud, SampleError> {
+    let max = settings.max_surfels.max(1);
+    let [low, high] = extent.bounds;
     let middle = (low + high) / 2.0;
-    let extent = (high - low).max_element();
     let textures = Textures::new(mesh);
     let mut least_cosine = APART;
-    let mut spacing = wanted.max(least);
     loop {
         // A plane goes through as many cells as its shadows along the axes have areas.
-        let cell = spacing * (mesh.shadows() / area).sqrt();
+        let cell = spacing * (extent.shadows / extent.area).sqrt();
         if !((cell * cell) as f32).is_normal() {
             return Err(SampleError::Size(spacing));
         }
-        let facets = Facets::new(mesh, middle, cell);
+        let facets = Facets::new(mesh, (middle, cell), sight);
         if facets.facets.is_empty() {
             return Err(SampleError::NoArea);
         }
@@ -121,21 +166,20 @@ pub fn sample(mesh: &Mesh, density: Density, settings: &SamplerSettings) -> Resu
         let rule = Rule { shift: (middle - low) / cell + MARGINS, least_cosine, blur: BLUR * BLUR };
         let found = surfels(&facets, &Appearance::new(&facets, &textures), rule);
         if found.len() > max {
-            if cell > extent {
+            if cell > (high - low).max_element() {
                 least_cosine = -1.0; // Few are wanted of what faces everywhere.
             }
             spacing *= 1.01 * (found.len() as f64 / max as f64).sqrt();
             continue;
         }
-        let splats = splats(mesh, &found, (cell, spacing), settings);
+        let splats = splats(&found, (cell, spacing), (mesh, is_closed), settings);
         return Ok(Cloud::new(splats)?.transformed(DAffine3::from_translation(middle)));
     }
 }
-
 fn splats(
-    mesh: &Mesh,
     surfels: &[Surfel],
     (cell, spacing): (f64, f64),
+    (mesh, is_closed): (&Mesh, bool),
     settings: &SamplerSettings,
 ) -> Splats {
     let color = |surfel: &Surfel| {
@@ -153,7 +197,7 @@ fn splats(
             opacities: translucent.then(opacities),
             depth_tolerance: 2.0 * KERNEL_SIGMA * spacing as f32,
             coverage_floor: COVERAGE_FLOOR,
-            closed: if translucent { mesh.is_single_sided() } else { mesh.is_closed() },
+            closed: if translucent { mesh.is_single_sided() } else { is_closed },
         }),
         colors: surfels.par_iter().map(color).collect(),
         harmonics: None,
