@@ -93,7 +93,7 @@ impl<'a> Appearance<'a> {
     }
 
     fn barycentric(&self, facet: &Facet, at: Vec3) -> Vec3 {
-        let [a, b, c] = self.facets.corners(facet);
+        let [a, b, c] = self.facets.corners(facet).map(|corner| corner.as_vec3());
         let double = 2.0 * facet.area;
         let share = |from: Vec3, to: Vec3| ((from - at).cross(to - at).dot(facet.normal) / double).max(0.0);
         let shares = Vec3::new(share(b, c), share(c, a), share(a, b));

@@ -7,6 +7,7 @@ use crate::appearance::Appearance;
 use crate::divide::Divider;
 use crate::facets::{Facet, Facets};
 use crate::share::{Share, Surfel};
+use crate::sight::Sight;
 use glam::{DVec3, UVec3};
 use rayon::prelude::*;
 
@@ -28,15 +29,26 @@ const END: u32 = u32::MAX;
 pub(crate) struct Rule {
     /// Where the facets' origin lies on the lattice, in cells: all facets are at places above 0 of it.
     pub(crate) shift: DVec3,
+    /// What lies at higher places is left out.
+    pub(crate) end: DVec3,
     /// What faces elsewhere than the rest of a sheet, by more than the angle of this cosine, is of another.
     pub(crate) least_cosine: f64,
     /// Added to the covariance of what a surfel owns, in squared cells.
     pub(crate) blur: f64,
 }
 
-/// The surfels of all cells.
-pub(crate) fn surfels(facets: &Facets, look: &Appearance, rule: Rule) -> Vec<Surfel> {
-    let entries = entries(facets, rule.shift);
+/// The surfels of all cells in blocks that are seen.
+pub(crate) fn surfels(
+    (facets, look): (&Facets, &Appearance),
+    sight: Option<&Sight>,
+    rule: Rule,
+) -> Vec<Surfel> {
+    let is_seen = |block: UVec3| {
+        let side = f64::from(SIDE);
+        let middle = ((block.as_dvec3() + 0.5) * side - rule.shift) * facets.cell + facets.middle;
+        sight.is_none_or(|sight| !sight.misses_box(middle, DVec3::splat(side / 2.0 * facets.cell)))
+    };
+    let entries = entries(facets, rule, is_seen);
     let blocks: Vec<&[Entry]> = entries.chunk_by(|a, b| a.block == b.block).collect();
     let of_block = |cells: &mut Cells, block: &&[Entry]| cells.surfels(block, (facets, look), rule);
     let found: Vec<Vec<Surfel>> = blocks.par_iter().map_init(Cells::default, of_block).collect();
@@ -54,16 +66,19 @@ struct Entry {
     facet: u32,
 }
 
-/// All facets in all blocks that they go through, in the order of blocks and facets.
-fn entries(facets: &Facets, shift: DVec3) -> Vec<Entry> {
+/// All facets in all blocks that they go through and that are seen, in the order of blocks and facets.
+fn entries(facets: &Facets, rule: Rule, is_seen: impl Fn(UVec3) -> bool + Sync) -> Vec<Entry> {
+    let last = (rule.end / f64::from(SIDE)).as_uvec3();
     let of_facets = |(task, some): (usize, &[Facet])| {
         let mut found = Vec::with_capacity(some.len());
         let mut divider = Divider::default();
         for (number, facet) in some.iter().enumerate() {
             let facet_number = (task * FACETS_PER_TASK + number) as u32;
-            let corners = facets.corners(facet).map(|p| (p.as_dvec3() + shift) / f64::from(SIDE));
-            divider.divide(corners, [UVec3::ZERO, UVec3::splat(1 << 20)], &mut |block, _| {
-                found.push(Entry { block: morton(block), facet: facet_number });
+            let corners = facets.corners(facet).map(|p| (p + rule.shift) / f64::from(SIDE));
+            divider.divide(corners, [UVec3::ZERO, last], &mut |block, _| {
+                if is_seen(block) {
+                    found.push(Entry { block: morton(block), facet: facet_number });
+                }
             });
         }
         found
@@ -105,7 +120,7 @@ impl Cells {
         for entry in block {
             let facet = &facets.facets[entry.facet as usize];
             let facing = facet.normal.as_dvec3();
-            let corners = facets.corners(facet).map(|p| p.as_dvec3() - origin);
+            let corners = facets.corners(facet).map(|p| p - origin);
             let most_area = f64::from(look.most_area(facet));
             divider.divide(corners, [UVec3::ZERO, UVec3::splat(SIDE - 1)], &mut |cell, polygon| {
                 let middle = cell.as_dvec3() + 0.5;

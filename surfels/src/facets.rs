@@ -8,7 +8,7 @@ use rayon::prelude::*;
 /// A primitive's vertices in sides of a cell.
 pub(crate) struct Part<'a> {
     pub(crate) primitive: &'a Primitive,
-    pub(crate) positions: Vec<Vec3>,
+    positions: Vec<DVec3>,
     /// Unit normals, or zero where the file has none that can be used.
     pub(crate) normals: Option<Vec<Vec3>>,
     /// A mirroring transform turns the triangles over; they are turned back.
@@ -29,6 +29,9 @@ pub(crate) struct Facet {
 
 /// The triangles of a mesh that have area, all or those that are seen.
 pub(crate) struct Facets<'a> {
+    /// Where the origin is, and the side of a cell, in mesh units.
+    pub(crate) middle: DVec3,
+    pub(crate) cell: f64,
     pub(crate) parts: Vec<Part<'a>>,
     pub(crate) facets: Vec<Facet>,
 }
@@ -42,7 +45,7 @@ impl<'a> Facets<'a> {
         let mut facets = Vec::new();
         for (index, part) in parts.iter().enumerate() {
             let found = (0..part.primitive.triangles.len() as u32).into_par_iter().filter_map(|triangle| {
-                let [a, b, c] = part.corners(triangle).map(Vec3::as_dvec3);
+                let [a, b, c] = part.corners(triangle);
                 let double = (b - a).cross(c - a);
                 let area = (double.length() / 2.0) as f32;
                 let normal = double.try_normalize()?.as_vec3();
@@ -55,22 +58,11 @@ impl<'a> Facets<'a> {
             });
             facets.append(&mut found.collect());
         }
-        Self { parts, facets }
-    }
-
-    /// How many pieces the facets are parted into at most, up to chance: a triangle goes through as many cells as its shadows along
-    /// the axes have areas, its box has lengths, and one, in the mean over all places of the lattice.
-    pub(crate) fn pieces(&self) -> u64 {
-        let pieces = |facet: &Facet| {
-            let [a, b, c] = self.corners(facet);
-            let lengths = a.max(b).max(c) - a.min(b).min(c);
-            (1.0 + lengths.element_sum() + facet.normal.abs().element_sum() * facet.area).ceil() as u64
-        };
-        self.facets.par_iter().map(pieces).reduce(|| 0, u64::saturating_add)
+        Self { middle, cell, parts, facets }
     }
 
     /// A facet's corners, counter-clockwise seen from outside.
-    pub(crate) fn corners(&self, facet: &Facet) -> [Vec3; 3] {
+    pub(crate) fn corners(&self, facet: &Facet) -> [DVec3; 3] {
         self.parts[facet.part as usize].corners(facet.triangle)
     }
 }
@@ -78,7 +70,7 @@ impl<'a> Facets<'a> {
 impl<'a> Part<'a> {
     fn new(primitive: &'a Primitive, middle: DVec3, cell: f64) -> Self {
         let to_mesh = primitive.primitive_to_mesh;
-        let place = |p: &Vec3| ((to_mesh.transform_point3(p.as_dvec3()) - middle) / cell).as_vec3();
+        let place = |p: &Vec3| (to_mesh.transform_point3(p.as_dvec3()) - middle) / cell;
         let determinant = to_mesh.matrix3.determinant();
         // Normals are covectors: the cofactors carry them, and stay finite where the inverse is not.
         let cofactors = cofactors(to_mesh.matrix3) * determinant.signum();
@@ -100,7 +92,7 @@ impl<'a> Part<'a> {
         if self.mirrored { [a, c, b] } else { [a, b, c] }
     }
 
-    fn corners(&self, triangle: u32) -> [Vec3; 3] {
+    fn corners(&self, triangle: u32) -> [DVec3; 3] {
         self.vertices(triangle).map(|vertex| self.positions[vertex])
     }
 }

@@ -3,11 +3,12 @@
 use glam::{DAffine3, DVec3};
 use oblate_engine::{Camera, Projection};
 
-/// The planes around what a picture shows.
+/// What a picture shows of the world: all within planes.
 pub(crate) struct Frustum {
-    world_to_camera: DAffine3,
-    /// Inward normals and offsets, in camera space; the near plane comes first.
+    /// Inward normals and offsets, in the world; the near plane comes first.
     planes: [(DVec3, f64); 5],
+    /// The view axis; where z is 0.
+    forward: (DVec3, f64),
 }
 
 impl Frustum {
@@ -15,6 +16,10 @@ impl Frustum {
     pub(crate) fn new(camera: &Camera, pixels: f64, length: f64) -> Self {
         let (focal, center) = (camera.intrinsics().focal, camera.intrinsics().center);
         let [width, height] = camera.size().map(f64::from);
+        let DAffine3 { matrix3, translation } = camera.pose().world_to_camera;
+        // n · (M p + t) + d
+        let in_world =
+            |(normal, offset): (DVec3, f64)| (matrix3.transpose() * normal, normal.dot(translation) + offset);
         let side = |normal: DVec3, border: f64| match camera.projection() {
             Projection::Perspective => {
                 let normal = normal + DVec3::Z * (border + pixels);
@@ -29,41 +34,44 @@ impl Frustum {
             side(DVec3::Y * focal.y, center.y),
             side(DVec3::NEG_Y * focal.y, height - center.y),
         ];
-        Self { world_to_camera: camera.pose().world_to_camera, planes }
+        Self { planes: planes.map(in_world), forward: in_world((DVec3::Z, 0.0)) }
     }
 
-    pub(crate) fn to_camera<const N: usize>(&self, points: [DVec3; N]) -> [DVec3; N] {
-        points.map(|p| self.world_to_camera.transform_point3(p))
-    }
-
-    /// Whether all points, in camera space, lie on the outer side of one plane.
+    /// Whether all points lie outside one of the planes.
     pub(crate) fn misses(&self, points: &[DVec3]) -> bool {
-        let outside = |(normal, offset): &(DVec3, f64)| points.iter().all(|p| p.dot(*normal) + offset < 0.0);
-        self.planes.iter().any(outside)
+        self.planes.iter().any(|&plane| points.iter().all(|p| height(plane, *p) < 0.0))
     }
 
-    /// The smallest z of what the frustum holds of a convex polygon in camera space; `None` if it holds nothing.
+    /// Whether all of a box lies outside one of the planes: its middle and half its lengths along the axes.
+    pub(crate) fn misses_box(&self, middle: DVec3, half: DVec3) -> bool {
+        self.planes.iter().any(|&plane| height(plane, middle) + plane.0.abs().dot(half) < 0.0)
+    }
+
+    /// What it holds of a convex polygon.
+    pub(crate) fn part(&self, polygon: Vec<DVec3>) -> Vec<DVec3> {
+        part(polygon, &self.planes)
+    }
+
+    /// The smallest z of a polygon's corners.
     pub(crate) fn nearest(&self, polygon: &[DVec3]) -> Option<f64> {
-        nearest(polygon, &self.planes)
+        polygon.iter().map(|p| height(self.forward, *p)).min_by(f64::total_cmp)
     }
 
-    /// As [`Self::nearest`], but of all that lies behind the near plane.
-    pub(crate) fn nearest_around(&self, polygon: &[DVec3]) -> Option<f64> {
-        nearest(polygon, &self.planes[..1])
+    /// What lies of a convex polygon behind the near plane.
+    pub(crate) fn part_ahead(&self, polygon: Vec<DVec3>) -> Vec<DVec3> {
+        part(polygon, &self.planes[..1])
     }
 }
 
-fn nearest(polygon: &[DVec3], planes: &[(DVec3, f64)]) -> Option<f64> {
-    let cuts = |(normal, offset): &&(DVec3, f64)| polygon.iter().any(|p| p.dot(*normal) + offset < 0.0);
-    let mut cutting = planes.iter().filter(cuts).peekable();
-    let least = |polygon: &[DVec3]| polygon.iter().map(|p| p.z).min_by(f64::total_cmp);
-    if cutting.peek().is_none() {
-        return least(polygon);
-    }
-    least(
-        &cutting
-            .fold(polygon.to_vec(), |polygon, (normal, offset)| clip(polygon, |p| p.dot(*normal) + offset)),
-    )
+fn height((normal, offset): (DVec3, f64), point: DVec3) -> f64 {
+    normal.dot(point) + offset
+}
+
+fn part(polygon: Vec<DVec3>, planes: &[(DVec3, f64)]) -> Vec<DVec3> {
+    planes.iter().fold(polygon, |polygon, plane| {
+        let cuts = polygon.iter().any(|p| height(*plane, *p) < 0.0);
+        if cuts { clip(polygon, |p| height(*plane, p)) } else { polygon }
+    })
 }
 
 /// The part of a polygon where `inside` is at least 0 (Sutherland, Hodgman, *Reentrant Polygon Clipping*,

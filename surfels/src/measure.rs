@@ -9,37 +9,40 @@ use rayon::prelude::*;
 /// Triangles that one task measures.
 const TRIANGLES_PER_TASK: usize = 4096;
 
-/// What the triangles of a mesh measure in mesh space.
+/// What triangles of a mesh, or parts of them, measure in mesh space.
 #[derive(Clone, Copy)]
 pub(crate) struct Extent {
     /// In squared mesh units.
     pub(crate) area: f64,
-    /// The areas of the shadows along the axes, each triangle by itself, in sum; from 1 to √3 times the area.
+    /// The areas of the shadows along the axes, each triangle's by itself, in sum; from 1 to √3 times the area.
     pub(crate) shadows: f64,
     /// The smallest and largest corner.
     pub(crate) bounds: [DVec3; 2],
+    /// How many triangles, and the lengths of their boxes along the axes, in sum.
+    pub(crate) triangles: u64,
+    lengths: f64,
 }
 
 impl Extent {
-    /// Of the triangles that are seen, or of all; `None` without any. Triangles that name missing vertices don't count.
+    /// Of what is seen, or of all; `None` where that is nothing. Triangles that name missing vertices don't count.
     pub(crate) fn of(mesh: &Mesh, sight: Option<&Sight>) -> Option<Self> {
-        let of_triangle = |corners: [DVec3; 3]| {
-            let [a, b, c] = corners;
-            let double = (b - a).cross(c - a);
-            let bounds = [a.min(b).min(c), a.max(b).max(c)];
-            Self { area: double.length() / 2.0, shadows: double.abs().element_sum() / 2.0, bounds }
+        let of_triangle = |corners: [DVec3; 3]| match sight {
+            None => Self::of_polygon(&corners),
+            Some(sight) => Self::of_polygon(&sight.part(corners)),
         };
-        let of_some = |primitive: &Primitive, some: &[[u32; 3]]| {
-            let seen =
-                placed(primitive, some).filter(|corners| sight.is_none_or(|sight| sight.sees(*corners)));
-            seen.map(of_triangle).reduce(Self::and)
-        };
-        let of_part = |primitive: &Primitive| -> Vec<Option<Self>> {
-            let tasks = primitive.triangles.par_chunks(TRIANGLES_PER_TASK);
-            tasks.map(|some| of_some(primitive, some)).collect()
-        };
+        let of_some = |(part, some)| placed(part, some).filter_map(of_triangle).reduce(Self::and);
         // One after the other: sums are the same whoever made them.
-        mesh.primitives.iter().flat_map(of_part).flatten().reduce(Self::and)
+        let parts: Vec<Option<Self>> = tasks(mesh).map(of_some).collect();
+        parts.into_iter().flatten().reduce(Self::and)
+    }
+
+    fn of_polygon(polygon: &[DVec3]) -> Option<Self> {
+        let [first, rest @ ..] = polygon else { return None };
+        let double: DVec3 = rest.windows(2).map(|pair| (pair[0] - first).cross(pair[1] - first)).sum();
+        let bounds = rest.iter().fold([*first; 2], |[low, high], p| [low.min(*p), high.max(*p)]);
+        let lengths = (bounds[1] - bounds[0]).element_sum();
+        let [area, shadows] = [double.length(), double.abs().element_sum()].map(|double| double / 2.0);
+        Some(Self { area, shadows, bounds, triangles: 1, lengths })
     }
 
     fn and(self, other: Self) -> Self {
@@ -48,7 +51,15 @@ impl Extent {
             area: self.area + other.area,
             shadows: self.shadows + other.shadows,
             bounds: [low.min(other_low), high.max(other_high)],
+            triangles: self.triangles + other.triangles,
+            lengths: self.lengths + other.lengths,
         }
+    }
+
+    /// How many pieces a lattice parts it into at most, up to chance: a triangle goes through as many cells as its shadows along
+    /// the axes have areas, its box has lengths, and one, in the mean over all places of the lattice.
+    pub(crate) fn pieces(&self, cell: f64) -> f64 {
+        self.triangles as f64 + self.lengths / cell + self.shadows / (cell * cell)
     }
 }
 
@@ -128,6 +139,13 @@ impl Mesh {
         }
         self.primitives.iter().enumerate().try_for_each(|(index, primitive)| check(index, primitive))
     }
+}
+
+/// The triangles of a mesh in parts for one task each, with the primitives that they are of.
+pub(crate) fn tasks(mesh: &Mesh) -> impl ParallelIterator<Item = (&Primitive, &[[u32; 3]])> {
+    mesh.primitives
+        .par_iter()
+        .flat_map(|part| part.triangles.par_chunks(TRIANGLES_PER_TASK).map(move |some| (part, some)))
 }
 
 /// The corners of triangles in mesh space, counter-clockwise seen from outside.

@@ -52,7 +52,7 @@ pub const KERNEL_SIGMA: f32 = 0.7;
 pub const COVERAGE_FLOOR: f32 = 0.85;
 
 /// Pieces that a mesh may be parted into, for each surfel it may have and for each of its triangles.
-const MOST_PIECES: [u64; 2] = [64, 2];
+const MOST_PIECES: [f64; 2] = [64.0, 2.0];
 
 /// Where the lattice begins before the bounds, in cells: what is aligned with the axes or has its edges along diagonals lies
 /// clear of its planes and edges.
@@ -154,17 +154,19 @@ fn spread(
         if !((cell * cell) as f32).is_normal() {
             return Err(SampleError::Size(spacing));
         }
+        let most = MOST_PIECES[0] * max as f64 + MOST_PIECES[1] * extent.triangles as f64;
+        if extent.pieces(cell) > most.min(f64::from(u32::MAX)) {
+            spacing *= 1.5; // Slivers: their pieces go by length and not by area.
+            continue;
+        }
         let facets = Facets::new(mesh, (middle, cell), sight);
         if facets.facets.is_empty() {
             return Err(SampleError::NoArea);
         }
-        let most = MOST_PIECES[0].saturating_mul(max as u64) + MOST_PIECES[1] * facets.facets.len() as u64;
-        if facets.pieces() > most.min(u64::from(u32::MAX)) {
-            spacing *= 1.5; // Slivers: their pieces go by length and not by area.
-            continue;
-        }
-        let rule = Rule { shift: (middle - low) / cell + MARGINS, least_cosine, blur: BLUR * BLUR };
-        let found = surfels(&facets, &Appearance::new(&facets, &textures), rule);
+        let shift = (middle - low) / cell + MARGINS;
+        let end = (high - low) / cell + 2.0 * MARGINS;
+        let rule = Rule { shift, end, least_cosine, blur: BLUR * BLUR };
+        let found = surfels((&facets, &Appearance::new(&facets, &textures)), sight, rule);
         if found.len() > max {
             if cell > (high - low).max_element() {
                 least_cosine = -1.0; // Few are wanted of what faces everywhere.

@@ -1,7 +1,7 @@
 //! The triangles that a picture shows.
 
 use crate::frustum::Frustum;
-use crate::measure::placed;
+use crate::measure::{placed, tasks};
 use crate::mesh::Mesh;
 use glam::DVec3;
 use oblate_engine::{Camera, Projection};
@@ -15,38 +15,55 @@ const MARGIN: f64 = 5.0;
 /// What a camera sees of a mesh in the world.
 pub(crate) struct Sight {
     frustum: Frustum,
-    is_perspective: bool,
-    drops_backs: bool,
+    /// From where backs are told, if they are dropped.
+    viewpoint: Option<Viewpoint>,
+}
+
+enum Viewpoint {
+    Eye(DVec3),
+    /// Along parallel rays.
+    Along(DVec3),
 }
 
 impl Sight {
     /// Surfels will be `spacing` apart.
     pub(crate) fn new(camera: &Camera, spacing: f64, drops_backs: bool) -> Self {
-        Self {
-            frustum: Frustum::new(camera, MARGIN_PIXELS, MARGIN * spacing),
-            is_perspective: camera.projection() == Projection::Perspective,
-            drops_backs,
-        }
+        let viewpoint = match camera.projection() {
+            Projection::Perspective => Viewpoint::Eye(camera.pose().eye()),
+            Projection::Orthographic => Viewpoint::Along(camera.pose().forward()),
+        };
+        let frustum = Frustum::new(camera, MARGIN_PIXELS, MARGIN * spacing);
+        Self { frustum, viewpoint: drops_backs.then_some(viewpoint) }
     }
 
-    /// Whether a triangle may be seen, its corners counter-clockwise seen from outside.
+    /// Whether a triangle may be seen, its corners counter-clockwise from outside.
     pub(crate) fn sees(&self, corners: [DVec3; 3]) -> bool {
-        let [a, b, c] = self.frustum.to_camera(corners);
-        let ray = if self.is_perspective { a } else { DVec3::Z };
-        let faces_away = || (b - a).cross(c - a).dot(ray) >= 0.0;
-        !(self.frustum.misses(&[a, b, c]) || self.drops_backs && faces_away())
+        let [a, b, c] = corners;
+        let faces_away = self.viewpoint.as_ref().is_some_and(|viewpoint| {
+            let ray = match viewpoint {
+                Viewpoint::Eye(eye) => a - eye,
+                Viewpoint::Along(forward) => *forward,
+            };
+            (b - a).cross(c - a).dot(ray) >= 0.0
+        });
+        !(faces_away || self.frustum.misses(&corners))
+    }
+
+    /// What is in the picture of a triangle that may be seen: a convex polygon.
+    pub(crate) fn part(&self, corners: [DVec3; 3]) -> Vec<DVec3> {
+        if self.sees(corners) { self.frustum.part(corners.to_vec()) } else { Vec::new() }
+    }
+
+    /// Whether all of a box is beside the picture: its middle and half its lengths along the axes.
+    pub(crate) fn misses_box(&self, middle: DVec3, half: DVec3) -> bool {
+        self.frustum.misses_box(middle, half)
     }
 }
 
 /// The smallest depth at which a camera's picture shows a mesh; `None` where it doesn't.
 pub(crate) fn nearest_depth(mesh: &Mesh, camera: &Camera) -> Option<f64> {
     let frustum = Frustum::new(camera, 0.0, 0.0);
-    let of_triangle = |corners: [DVec3; 3]| frustum.nearest(&frustum.to_camera(corners));
-    mesh.primitives
-        .par_iter()
-        .flat_map(|part| {
-            part.triangles.par_iter().map(move |triangle| (part, std::slice::from_ref(triangle)))
-        })
-        .flat_map_iter(|(part, triangle)| placed(part, triangle).filter_map(of_triangle))
-        .min_by(f64::total_cmp)
+    let of_triangle = |corners: [DVec3; 3]| frustum.nearest(&frustum.part(corners.to_vec()));
+    let of_some = |(part, some)| placed(part, some).filter_map(of_triangle).min_by(f64::total_cmp);
+    tasks(mesh).filter_map(of_some).min_by(f64::total_cmp)
 }

@@ -18,8 +18,8 @@ const INSIDE: f64 = 0.1;
 pub fn view_spacing(camera: &Camera, bounds: [DVec3; 2]) -> f64 {
     shown_spacing(camera, bounds).unwrap_or_else(|| {
         let frustum = Frustum::new(camera, 0.0, 0.0);
-        let nearest =
-            nearest_depth(&frustum, bounds, |face| frustum.nearest_around(face)).filter(|&z| z > 0.0);
+        let depths = faces(bounds).filter_map(|face| frustum.nearest(&frustum.part_ahead(face)));
+        let nearest = depths.min_by(f64::total_cmp).filter(|&z| z > 0.0);
         camera.pixel_width_at(nearest.unwrap_or(least_depth(camera, bounds)))
     })
 }
@@ -34,7 +34,8 @@ pub fn shown_spacing(camera: &Camera, bounds: [DVec3; 2]) -> Option<f64> {
         return Some(camera.pixel_width_at(least_depth(camera, bounds)));
     }
     let frustum = Frustum::new(camera, 0.0, 0.0);
-    let nearest = nearest_depth(&frustum, bounds, |face| frustum.nearest(face))?;
+    let depths = faces(bounds).filter_map(|face| frustum.nearest(&frustum.part(face)));
+    let nearest = depths.min_by(f64::total_cmp)?;
     Some(camera.pixel_width_at(if nearest > 0.0 { nearest } else { least_depth(camera, bounds) }))
 }
 
@@ -43,13 +44,9 @@ fn least_depth(camera: &Camera, [low, high]: [DVec3; 2]) -> f64 {
     camera.near().max(INSIDE * (high - low).length())
 }
 
-/// The smallest z of what `nearest` finds of a box's faces in camera space.
-fn nearest_depth(
-    frustum: &Frustum,
-    bounds: [DVec3; 2],
-    nearest: impl Fn(&[DVec3]) -> Option<f64>,
-) -> Option<f64> {
-    let face = |face: usize| {
+/// The faces of a box.
+fn faces(bounds: [DVec3; 2]) -> impl Iterator<Item = Vec<DVec3>> {
+    (0..6).map(move |face| {
         let (axis, side) = (face % 3, face / 3);
         let corner = |(i, j): (usize, usize)| {
             let mut picked = [0; 3];
@@ -58,7 +55,6 @@ fn nearest_depth(
             picked[(axis + 2) % 3] = j;
             DVec3::from_array(std::array::from_fn(|k| bounds[picked[k]][k]))
         };
-        frustum.to_camera([(0, 0), (1, 0), (1, 1), (0, 1)].map(corner))
-    };
-    (0..6).filter_map(|index| nearest(&face(index))).min_by(f64::total_cmp)
+        [(0, 0), (1, 0), (1, 1), (0, 1)].map(corner).to_vec()
+    })
 }
