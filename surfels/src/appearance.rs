@@ -3,7 +3,7 @@
 use crate::facets::{Facet, Facets};
 use crate::mesh::{Mesh, Primitive, Texture};
 use crate::texture::{Mask, Pyramid};
-use glam::{Vec2, Vec3, Vec4};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use std::sync::Arc;
 /// cell is lost to the kernel.
 const TEXTURED_AREA: f32 = 0.125;
 
-/// What pieces of a mesh look like.
+/// What the facets of a mesh look like.
 pub(crate) struct Appearance<'a> {
     facets: &'a Facets<'a>,
     /// Of each part.
@@ -56,49 +56,80 @@ impl<'a> Appearance<'a> {
         Self { facets, textures: facets.parts.iter().map(|part| find(part.primitive)).collect() }
     }
 
-    /// The largest pieces of a facet that one look is enough for, in squared cells: where what there is to see is not linear, it is
-    /// looked at in parts.
-    pub(crate) fn most_area(&self, facet: &Facet) -> f32 {
-        let is_linear = self.textures[facet.part as usize].is_none()
-            && self.facets.parts[facet.part as usize].primitive.alpha_cutoff.is_none();
-        if is_linear { f32::INFINITY } else { TEXTURED_AREA }
-    }
-
-    /// Linear premultiplied colour and unit shading normal of a piece of a facet around a place, the colour over its area.
-    pub(crate) fn at(&self, facet: &Facet, place: Vec3, area: f32) -> (Vec4, Vec3) {
+    /// What a facet looks like.
+    pub(crate) fn of(&self, facet: &Facet) -> Look<'a> {
         let part = &self.facets.parts[facet.part as usize];
-        let pyramid = self.textures[facet.part as usize];
         let primitive = part.primitive;
-        let mut color = primitive.material.factor;
-        if pyramid.is_none() && primitive.colors.is_none() && part.normals.is_none() {
-            return (visible(color, primitive.alpha_cutoff), facet.normal);
-        }
+        let pyramid = self.textures[facet.part as usize];
         let vertices = part.vertices(facet.triangle);
-        let shares = self.barycentric(facet, place);
-        if let Some(colors) = &primitive.colors {
-            color *= mix(vertices.map(|v| colors[v]), shares);
+        let [corner, b, c] = self.facets.corners(facet);
+        let [b, c] = [b - corner, c - corner].map(|edge| edge.as_vec3());
+        let double = 2.0 * facet.area;
+        // What is thinner than 1e-15 cells looks as its first corner does.
+        let slope = |slope: Vec3| if slope.length_squared() < 1e30 { slope } else { Vec3::ZERO };
+        let coords = pyramid.and(primitive.tex_coords.as_ref()).map(|coords| vertices.map(|v| coords[v]));
+        Look {
+            corner,
+            shares: [c.cross(facet.normal), facet.normal.cross(b)].map(|v| slope(v / double)),
+            factor: primitive.material.factor,
+            cutoff: primitive.alpha_cutoff,
+            colors: primitive.colors.as_ref().map(|colors| vertices.map(|v| colors[v])),
+            texture: pyramid.zip(coords).map(|(pyramid, coords)| {
+                let texels = texels(coords, pyramid.size()) / facet.area;
+                Textured { pyramid, coords, texels }
+            }),
+            normals: part.normals.as_ref().map(|normals| vertices.map(|v| normals[v])),
+            normal: facet.normal,
         }
-        color = visible(color, primitive.alpha_cutoff);
-        if let (Some(pyramid), Some(coords)) = (pyramid, &primitive.tex_coords) {
-            let coords = vertices.map(|v| coords[v]);
-            let share_of_facet = area.max(TEXTURED_AREA) / facet.area;
-            let at = coords[0] * shares.x + coords[1] * shares.y + coords[2] * shares.z;
-            color *= pyramid.sample(at, texels(coords, pyramid.size()) * share_of_facet);
-        }
-        let smooth = part.normals.as_ref().map_or(Vec3::ZERO, |normals| {
-            let [a, b, c] = vertices.map(|v| normals[v]);
-            (a * shares.x + b * shares.y + c * shares.z).normalize_or_zero()
-        });
-        (color, if smooth == Vec3::ZERO { facet.normal } else { smooth })
+    }
+}
+
+/// What a facet looks like.
+pub(crate) struct Look<'a> {
+    corner: DVec3,
+    /// From a place's offset from the first corner to the shares that the other two have there.
+    shares: [Vec3; 2],
+    factor: Vec4,
+    cutoff: Option<f32>,
+    colors: Option<[Vec4; 3]>,
+    texture: Option<Textured<'a>>,
+    normals: Option<[Vec3; 3]>,
+    normal: Vec3,
+}
+
+struct Textured<'a> {
+    pyramid: &'a Pyramid<'a>,
+    coords: [Vec2; 3],
+    /// In a squared cell.
+    texels: f32,
+}
+
+impl Look<'_> {
+    /// The largest pieces that one look is enough for, in squared cells: where what there is to see is not linear, it is looked at
+    /// in parts.
+    pub(crate) fn most_area(&self) -> f32 {
+        if self.texture.is_none() && self.cutoff.is_none() { f32::INFINITY } else { TEXTURED_AREA }
     }
 
-    fn barycentric(&self, facet: &Facet, at: Vec3) -> Vec3 {
-        let [a, b, c] = self.facets.corners(facet).map(|corner| corner.as_vec3());
-        let double = 2.0 * facet.area;
-        let share = |from: Vec3, to: Vec3| ((from - at).cross(to - at).dot(facet.normal) / double).max(0.0);
-        let shares = Vec3::new(share(b, c), share(c, a), share(a, b));
-        let sum = shares.element_sum();
-        if sum > 0.0 { shares / sum } else { Vec3::splat(1.0 / 3.0) }
+    /// Linear premultiplied colour and unit shading normal of a piece around a place, the colour over its area.
+    pub(crate) fn at(&self, place: DVec3, area: f32) -> (Vec4, Vec3) {
+        let offset = (place - self.corner).as_vec3();
+        let [b, c] = self.shares.map(|share| offset.dot(share).clamp(0.0, 1.0));
+        let all = (b + c).max(1.0);
+        let shares = Vec3::new(all - b - c, b, c) / all;
+        let mut color = self.factor;
+        if let Some(colors) = self.colors {
+            color *= colors[0] * shares.x + colors[1] * shares.y + colors[2] * shares.z;
+        }
+        color = visible(color, self.cutoff);
+        if let Some(Textured { pyramid, coords, texels }) = &self.texture {
+            let at = coords[0] * shares.x + coords[1] * shares.y + coords[2] * shares.z;
+            color *= pyramid.sample(at, texels * area.max(TEXTURED_AREA));
+        }
+        let smooth = self
+            .normals
+            .map_or(Vec3::ZERO, |[a, b, c]| (a * shares.x + b * shares.y + c * shares.z).normalize_or_zero());
+        (color, if smooth == Vec3::ZERO { self.normal } else { smooth })
     }
 }
 
@@ -106,10 +137,6 @@ impl<'a> Appearance<'a> {
 fn visible(color: Vec4, cutoff: Option<f32>) -> Vec4 {
     let alpha = cutoff.map_or(color.w.clamp(0.0, 1.0), |cutoff| f32::from(color.w >= cutoff));
     (color.truncate() * alpha).extend(alpha)
-}
-
-fn mix(of_vertices: [Vec4; 3], shares: Vec3) -> Vec4 {
-    of_vertices[0] * shares.x + of_vertices[1] * shares.y + of_vertices[2] * shares.z
 }
 
 /// The area of a triangle in squared texels.

@@ -121,7 +121,8 @@ impl Cells {
             let facet = &facets.facets[entry.facet as usize];
             let facing = facet.normal.as_dvec3();
             let corners = facets.corners(facet).map(|p| p - origin);
-            let most_area = f64::from(look.most_area(facet));
+            let look = look.of(facet);
+            let most_area = f64::from(look.most_area());
             divider.divide(corners, [UVec3::ZERO, UVec3::splat(SIDE - 1)], &mut |cell, polygon| {
                 let middle = cell.as_dvec3() + 0.5;
                 let share = self.sheet(cell, facing, rule);
@@ -129,8 +130,7 @@ impl Cells {
                     let triangle = [polygon[0], pair[0], pair[1]];
                     let area = share.add(triangle.map(|p| p - middle), facing);
                     halve(triangle, (area, most_area), &mut |middle, area| {
-                        let at = (middle + origin).as_vec3();
-                        share.add_look(area, look.at(facet, at, area as f32));
+                        share.add_look(area, look.at(middle + origin, area as f32));
                     });
                 }
             });

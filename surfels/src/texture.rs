@@ -79,9 +79,9 @@ impl<'a> Pyramid<'a> {
     fn bilinear(&self, level: usize, at: Vec2) -> Vec4 {
         let (width, height) =
             if level == 0 { (self.texture.width, self.texture.height) } else { self.means[level - 1].size() };
-        let [x0, x1, right] = neighbors(at.x, width, self.texture.wrap[0]);
-        let [y0, y1, down] = neighbors(at.y, height, self.texture.wrap[1]);
-        let texel = |x: f32, y: f32| self.texel(level, x as usize, y as usize);
+        let ([x0, x1], right) = neighbors(at.x, width, self.texture.wrap[0]);
+        let ([y0, y1], down) = neighbors(at.y, height, self.texture.wrap[1]);
+        let texel = |x: usize, y: usize| self.texel(level, x, y);
         texel(x0, y0).lerp(texel(x1, y0), right).lerp(texel(x0, y1).lerp(texel(x1, y1), right), down)
     }
 
@@ -116,20 +116,21 @@ fn shares(index: usize, from: usize, to: usize) -> impl Iterator<Item = (usize, 
 }
 
 /// The two texels around a coordinate along one axis, and how far it is from the first to the second.
-fn neighbors(at: f32, size: usize, wrap: Wrap) -> [f32; 3] {
-    let size = size as f32;
+fn neighbors(at: f32, size: usize, wrap: Wrap) -> ([usize; 2], f32) {
     let period = if wrap == Wrap::Mirror { 2.0 } else { 1.0 };
     // Folded first: far from 0 a coordinate has no digits left for texels.
-    let at = if wrap == Wrap::Clamp { at.clamp(0.0, 1.0) } else { at.rem_euclid(period) };
-    let texel = at * size - 0.5;
-    let first = texel.floor();
-    let fold = |i: f32| match wrap {
-        Wrap::Repeat => i.rem_euclid(size),
-        Wrap::Clamp => i.clamp(0.0, size - 1.0),
-        Wrap::Mirror => {
-            let i = i.rem_euclid(2.0 * size);
-            i.min(2.0 * size - 1.0 - i)
-        }
+    let at = match wrap {
+        Wrap::Clamp => at.clamp(0.0, 1.0),
+        _ if (0.0..period).contains(&at) => at,
+        _ => at - period * (at / period).floor(),
     };
-    [fold(first), fold(first + 1.0), texel - first]
+    // At least −0.5, where the one before is −1.
+    let texel = at * size as f32 - 0.5;
+    let next = (texel + 1.0) as usize;
+    let fold = |i: Option<usize>| match wrap {
+        Wrap::Repeat => i.map_or(size - 1, |i| if i < size { i } else { i - size }),
+        Wrap::Clamp => i.map_or(0, |i| i.min(size - 1)),
+        Wrap::Mirror => i.map_or(0, |i| if i < size { i } else { (2 * size).saturating_sub(i + 1) }),
+    };
+    ([fold(next.checked_sub(1)), fold(Some(next))], texel + 1.0 - next as f32)
 }
