@@ -37,12 +37,12 @@ pub(crate) struct Rule {
     pub(crate) blur: f64,
 }
 
-/// The surfels of all cells in blocks that are seen.
+/// The surfels of all cells in blocks that are seen, block by block.
 pub(crate) fn surfels(
     (facets, look): (&Facets, &Appearance),
     sight: Option<&Sight>,
     rule: Rule,
-) -> Vec<Surfel> {
+) -> Vec<Vec<Surfel>> {
     let is_seen = |block: UVec3| {
         let side = f64::from(SIDE);
         let middle = ((block.as_dvec3() + 0.5) * side - rule.shift) * facets.cell + facets.middle;
@@ -51,11 +51,7 @@ pub(crate) fn surfels(
     let entries = entries(facets, rule, is_seen);
     let blocks: Vec<&[Entry]> = entries.chunk_by(|a, b| a.block == b.block).collect();
     let of_block = |cells: &mut Cells, block: &&[Entry]| cells.surfels(block, (facets, look), rule);
-    let found: Vec<Vec<Surfel>> = blocks.par_iter().map_init(Cells::default, of_block).collect();
-    drop(entries);
-    let mut surfels = Vec::with_capacity(found.iter().map(Vec::len).sum());
-    found.into_iter().for_each(|mut found| surfels.append(&mut found));
-    surfels
+    blocks.par_iter().map_init(Cells::default, of_block).collect()
 }
 
 /// A facet in a block that it goes through.

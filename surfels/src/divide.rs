@@ -37,8 +37,8 @@ impl Divider {
         }
         let least = polygon.iter().copied().fold(DVec3::INFINITY, DVec3::min);
         let most = polygon.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
-        // Roundings don't lead beyond the planes that were cut at.
-        let [first, last] = [least, most].map(|p| p.floor().as_uvec3().clamp(low, high));
+        // Nothing lies below 0, so that this is the floor; roundings don't lead beyond the planes that were cut at.
+        let [first, last] = [least, most].map(|p| p.as_uvec3().clamp(low, high));
         let steps = last - first;
         let longest = steps.max_element();
         if longest == 0 {

@@ -167,11 +167,12 @@ fn spread(
         let end = (high - low) / cell + 2.0 * MARGINS;
         let rule = Rule { shift, end, least_cosine, blur: BLUR * BLUR };
         let found = surfels((&facets, &Appearance::new(&facets, &textures)), sight, rule);
-        if found.len() > max {
+        let count: usize = found.iter().map(Vec::len).sum();
+        if count > max {
             if cell > (high - low).max_element() {
                 least_cosine = -1.0; // Few are wanted of what faces everywhere.
             }
-            spacing *= 1.01 * (found.len() as f64 / max as f64).sqrt();
+            spacing *= 1.01 * (count as f64 / max as f64).sqrt();
             continue;
         }
         let splats = splats(&found, (cell, spacing), (mesh, is_closed), settings);
@@ -179,31 +180,47 @@ fn spread(
     }
 }
 fn splats(
-    surfels: &[Surfel],
+    blocks: &[Vec<Surfel>],
     (cell, spacing): (f64, f64),
     (mesh, is_closed): (&Mesh, bool),
     settings: &SamplerSettings,
 ) -> Splats {
-    let color = |surfel: &Surfel| {
-        let alpha = surfel.color.w;
-        if alpha > 0.0 { (surfel.color.truncate() / alpha).to_array() } else { [0.0; 3] }
+    let translucent = blocks.par_iter().flatten_iter().any(|surfel| surfel.color.w < 1.0 - 1e-6);
+    let centers = || column(blocks, |surfel| (surfel.center * cell).as_vec3());
+    let factors = || column(blocks, |surfel| surfel.factor * cell as f32);
+    let areas = || column(blocks, |surfel| (f64::from(surfel.area) * cell * cell) as f32);
+    let opacities = || translucent.then(|| column(blocks, |surfel| surfel.color.w.clamp(0.0, 1.0)));
+    let normals = || column(blocks, |surfel| surfel.normal);
+    let colors = || {
+        column(blocks, |surfel| {
+            let alpha = surfel.color.w;
+            if alpha > 0.0 { (surfel.color.truncate() / alpha).to_array() } else { [0.0; 3] }
+        })
     };
-    let translucent = surfels.par_iter().any(|surfel| surfel.color.w < 1.0 - 1e-6);
-    let opacities = || surfels.par_iter().map(|surfel| surfel.color.w.clamp(0.0, 1.0)).collect();
-    let area = |surfel: &Surfel| (f64::from(surfel.area) * cell * cell) as f32;
+    let ((factors, areas), (centers, (normals, (colors, opacities)))) = rayon::join(
+        || (factors(), areas()),
+        || rayon::join(centers, || rayon::join(normals, || (colors(), opacities()))),
+    );
     Splats {
-        centers: surfels.par_iter().map(|surfel| (surfel.center * cell).as_vec3()).collect(),
-        shapes: Shapes::Each(surfels.par_iter().map(|surfel| surfel.factor * cell as f32).collect()),
+        centers,
+        shapes: Shapes::Each(factors),
         strength: Strength::Surface(Surface {
-            areas: surfels.par_iter().map(area).collect(),
-            opacities: translucent.then(opacities),
+            areas,
+            opacities,
             depth_tolerance: 2.0 * KERNEL_SIGMA * spacing as f32,
             coverage_floor: COVERAGE_FLOOR,
             closed: if translucent { mesh.is_single_sided() } else { is_closed },
         }),
-        colors: surfels.par_iter().map(color).collect(),
+        colors,
         harmonics: None,
-        normals: Some(surfels.par_iter().map(|surfel| surfel.normal).collect()),
+        normals: Some(normals),
         material: settings.material,
     }
+}
+
+/// A value of each surfel.
+fn column<T>(blocks: &[Vec<Surfel>], value: impl Fn(&Surfel) -> T) -> Vec<T> {
+    let mut values = Vec::with_capacity(blocks.iter().map(Vec::len).sum());
+    values.extend(blocks.iter().flatten().map(value));
+    values
 }
