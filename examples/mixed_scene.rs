@@ -2,7 +2,7 @@
 
 use oblate::engine::color::linear_to_srgb;
 use oblate::engine::{Camera, Pose, RenderSettings, Scene, render};
-use oblate::surfels::{Density, Mesh, SamplerSettings, primitives, sample, view_spacing};
+use oblate::surfels::{Mesh, SamplerSettings, primitives, sample_seen};
 use oblate::volumes::{GridFrame, IsoSettings, KernelSettings, Volume, Voxels, iso_surfels, to_kernels};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -24,10 +24,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // Its outer parts as haze: value, red, green, blue, extinction per unit length.
     let look = "transfer 1\nstrength extinction\ncolor srgb\n 0 0.2 0.4 0.9 0\n 0.4 0.5 0.7 1 3".parse()?;
     let haze = to_kernels(&cloud, &look, &KernelSettings::default())?;
-    // The surface of its core in orange, and surfels on the knot: one a pixel.
+    // The surface of its core in orange, and surfels on what is seen of the knot: one a pixel.
     let core = iso_surfels(&cloud, 0.5, &IsoSettings { color: [0.9, 0.3, 0.05], ..Default::default() })?;
-    let spacing = view_spacing(&camera, knot.bounds().ok_or("the knot is empty")?);
-    let knot = sample(&knot, Density::Spacing(spacing), &SamplerSettings::default())?;
+    let knot = sample_seen(&knot, &camera, &SamplerSettings::default())?;
 
     // All in one picture, before black. Without lights there is a headlight.
     let scene = Scene { clouds: vec![haze, core, knot], lights: Vec::new() };
