@@ -179,6 +179,7 @@ fn spread(
         return Ok(Cloud::new(splats)?.transformed(DAffine3::from_translation(middle)));
     }
 }
+
 fn splats(
     blocks: &[Vec<Surfel>],
     (cell, spacing): (f64, f64),

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 /// How far beside the picture triangles are looked at: in pixels, which leaves room for filters, and in spacings. A surfel of a σ of 0.7
 /// spacings reaches 3.5 σ, and what is left out of its cell lies within the cell's diagonal.
-pub(crate) const MARGIN_PIXELS: f64 = 16.0;
+const MARGIN_PIXELS: f64 = 16.0;
 const MARGIN: f64 = 5.0;
 
 /// What a camera sees of a mesh in the world.
