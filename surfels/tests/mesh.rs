@@ -50,7 +50,7 @@ fn stretched_normals_are_the_ellipsoids() {
 }
 
 #[test]
-fn surfels_are_flat_discs() {
+fn surfels_are_flat_and_about_round() {
     let cloud = surfels(&sphere(DAffine3::IDENTITY), 1000).unwrap();
     let tolerance = surface(&cloud).depth_tolerance;
     for i in 0..cloud.len() {
@@ -194,9 +194,7 @@ fn never_more_surfels_than_the_cap() {
         let settings = SamplerSettings { max_surfels, ..settings };
         let cloud = sample(&mesh, Density::Spacing(1e-4), &settings).unwrap();
         assert!(cloud.len() <= max_surfels && 3 * cloud.len() >= max_surfels, "{}", cloud.len());
-        let error = total_area(&cloud) / mesh.area() - 1.0;
-        // Places up to 31 from the middle are rounded to 24 bits, the sides of the square are 2.
-        assert!(error.abs() < 4e-6, "{max_surfels}: {error}, {}", cloud.len());
+        assert!((total_area(&cloud) / mesh.area() - 1.0).abs() < 1e-6);
     }
     // A hair: 1 long, 10⁻⁶ wide. By its area it would be a million spacings of 10⁻⁶ long.
     let hair = mesh_of(primitives::plane(1), DAffine3::from_scale(dvec3(1.0, 1.0, 1e-6)));
