@@ -56,15 +56,16 @@ impl<'a> Appearance<'a> {
         Self { facets, textures: facets.parts.iter().map(|part| find(part.primitive)).collect() }
     }
 
-    /// What a facet looks like.
-    pub(crate) fn of(&self, facet: &Facet) -> Look<'a> {
+    /// What a facet looks like, in cells of a side.
+    pub(crate) fn of(&self, facet: &Facet, side: f64) -> Look<'a> {
         let part = &self.facets.parts[facet.part as usize];
         let primitive = part.primitive;
         let pyramid = self.textures[facet.part as usize];
         let vertices = part.vertices(facet.triangle);
-        let [corner, b, c] = self.facets.corners(facet);
+        let [corner, b, c] = self.facets.corners(facet).map(|p| p / side);
+        let area = facet.area / (side * side) as f32;
         let [b, c] = [b - corner, c - corner].map(|edge| edge.as_vec3());
-        let double = 2.0 * facet.area;
+        let double = 2.0 * area;
         // What is thinner than 1e-15 cells looks as its first corner does.
         let slope = |slope: Vec3| if slope.length_squared() < 1e30 { slope } else { Vec3::ZERO };
         let coords = pyramid.and(primitive.tex_coords.as_ref()).map(|coords| vertices.map(|v| coords[v]));
@@ -75,7 +76,7 @@ impl<'a> Appearance<'a> {
             cutoff: primitive.alpha_cutoff,
             colors: primitive.colors.as_ref().map(|colors| vertices.map(|v| colors[v])),
             texture: pyramid.zip(coords).map(|(pyramid, coords)| {
-                let texels = texels(coords, pyramid.size()) / facet.area;
+                let texels = texels(coords, pyramid.size()) / area;
                 Textured { pyramid, coords, texels }
             }),
             normals: part.normals.as_ref().map(|normals| vertices.map(|v| normals[v])),

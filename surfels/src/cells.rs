@@ -1,18 +1,19 @@
-//! The surface parted at a cubic lattice: a surfel for each sheet of it in a cell.
+//! The surface parted at cubic lattices: a surfel for each sheet of it in a cell.
 //!
 //! Cells are looked at in blocks, blocks and the cells in them along a Morton curve: what a block holds depends on no other, and
-//! surfels come in the order in which they are wanted.
+//! surfels come in the order in which they are wanted. Where cells may be wider the farther they are, blocks are those of an octree.
 
 use crate::appearance::Appearance;
 use crate::divide::Divider;
 use crate::facets::{Facet, Facets};
+use crate::grading::{Grading, side};
 use crate::share::{Share, Surfel};
 use crate::sight::Sight;
 use glam::{DVec3, UVec3};
 use rayon::prelude::*;
 
-/// The longest extent of a surface, in cells: Morton keys of 63 bits.
-pub(crate) const LONGEST_EXTENT: f64 = (1_u32 << 20) as f64;
+/// The longest extent of a surface in narrowest cells: Morton keys of blocks have 63 bits.
+pub(crate) const LONGEST_EXTENT: f64 = (1_u32 << (20 + SIDE_BITS)) as f64;
 
 /// Cells of a block along an axis, and how many bits number them.
 const SIDE: u32 = 1 << SIDE_BITS;
@@ -27,54 +28,102 @@ const END: u32 = u32::MAX;
 /// How surfels are made of what lies in a cell.
 #[derive(Clone, Copy)]
 pub(crate) struct Rule {
-    /// Where the facets' origin lies on the lattice, in cells: all facets are at places above 0 of it.
+    /// Where the facets' origin lies on the first level's lattice, in its cells: all facets are at places above 0 of it.
     pub(crate) shift: DVec3,
     /// What lies at higher places is left out.
     pub(crate) end: DVec3,
+    /// How wide cells are, at places relative to the facets' origin, and the highest level of them.
+    pub(crate) grading: Grading,
+    pub(crate) level: u32,
     /// What faces elsewhere than the rest of a sheet, by more than the angle of this cosine, is of another.
     pub(crate) least_cosine: f64,
-    /// Added to the covariance of what a surfel owns, in squared cells.
+    /// Added to the covariance of what a surfel owns, in squared widths of the grading.
     pub(crate) blur: f64,
 }
 
-/// The surfels of all cells in blocks that are seen, block by block.
+impl Rule {
+    /// The middle of a block relative to the facets' origin, and half its side, in the first level's cells.
+    fn block(&self, level: u32, block: UVec3) -> (DVec3, f64) {
+        let side = side(level) * f64::from(SIDE);
+        ((block.as_dvec3() + 0.5) * side - self.shift, side / 2.0)
+    }
+
+    /// Whether a block's cells are nowhere too wide.
+    fn suits(&self, level: u32, block: UVec3) -> bool {
+        let (middle, half) = self.block(level, block);
+        level <= self.grading.level_in_box(middle, DVec3::splat(half))
+    }
+}
+
+/// What is made of the blocks of a level, one after the other.
+pub(crate) struct Found {
+    pub(crate) level: u32,
+    /// Lengths in cells of the level.
+    pub(crate) blocks: Vec<Vec<Surfel>>,
+}
+
+impl Found {
+    pub(crate) fn count(&self) -> usize {
+        self.blocks.iter().map(Vec::len).sum()
+    }
+
+    /// The middle of the bounds of all surfels' centers, in cells of the level.
+    pub(crate) fn middle(&self) -> DVec3 {
+        let bounds = self.blocks.iter().flatten().map(|surfel| [surfel.center; 2]);
+        let all = bounds.reduce(|[a, b], [low, high]| [a.min(low), b.max(high)]);
+        all.map_or(DVec3::ZERO, |[low, high]| (low + high) / 2.0)
+    }
+
+    /// The mean width of all surfels, beside the narrowest.
+    pub(crate) fn mean_width(&self, grading: Grading) -> f64 {
+        let side = side(self.level);
+        let widths = self.blocks.iter().flatten().map(|surfel| grading.width(surfel.center * side));
+        widths.sum::<f64>() / self.count().max(1) as f64
+    }
+}
+
+/// The surfels of all cells in blocks that are seen, level by level.
 pub(crate) fn surfels(
     (facets, look): (&Facets, &Appearance),
     sight: Option<&Sight>,
     rule: Rule,
-) -> Vec<Vec<Surfel>> {
-    let is_seen = |block: UVec3| {
-        let side = f64::from(SIDE);
-        let middle = ((block.as_dvec3() + 0.5) * side - rule.shift) * facets.cell + facets.middle;
-        sight.is_none_or(|sight| !sight.misses_box(middle, DVec3::splat(side / 2.0 * facets.cell)))
+) -> Vec<Found> {
+    let is_seen = |level: u32, block: UVec3| {
+        let (middle, half) = rule.block(level, block);
+        let in_mesh = middle * facets.cell + facets.middle;
+        sight.is_none_or(|sight| !sight.misses_box(in_mesh, DVec3::splat(half * facets.cell)))
     };
     let entries = entries(facets, rule, is_seen);
-    let blocks: Vec<&[Entry]> = entries.chunk_by(|a, b| a.block == b.block).collect();
     let of_block = |cells: &mut Cells, block: &&[Entry]| cells.surfels(block, (facets, look), rule);
-    blocks.par_iter().map_init(Cells::default, of_block).collect()
+    let of_level = |entries: &[Entry]| {
+        let blocks: Vec<&[Entry]> = entries.chunk_by(|a, b| a.block == b.block).collect();
+        let found = blocks.par_iter().map_init(Cells::default, of_block).collect();
+        Found { level: entries[0].level, blocks: found }
+    };
+    entries.chunk_by(|a, b| a.level == b.level).map(of_level).collect()
 }
 
 /// A facet in a block that it goes through.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Entry {
+    level: u32,
     /// The block's Morton key.
     block: u64,
     facet: u32,
 }
 
-/// All facets in all blocks that they go through and that are seen, in the order of blocks and facets.
-fn entries(facets: &Facets, rule: Rule, is_seen: impl Fn(UVec3) -> bool + Sync) -> Vec<Entry> {
-    let last = (rule.end / f64::from(SIDE)).as_uvec3();
+/// All facets in all blocks that they go through and that are seen, in the order of levels, blocks and facets.
+fn entries(facets: &Facets, rule: Rule, is_seen: impl Fn(u32, UVec3) -> bool + Sync) -> Vec<Entry> {
+    let side = side(rule.level) * f64::from(SIDE);
+    let all = [UVec3::ZERO, (rule.end / side).as_uvec3()];
     let of_facets = |(task, some): (usize, &[Facet])| {
         let mut found = Vec::with_capacity(some.len());
-        let mut divider = Divider::default();
+        let mut dividers: Vec<Divider> = (0..=rule.level).map(|_| Divider::default()).collect();
         for (number, facet) in some.iter().enumerate() {
             let facet_number = (task * FACETS_PER_TASK + number) as u32;
-            let corners = facets.corners(facet).map(|p| (p + rule.shift) / f64::from(SIDE));
-            divider.divide(corners, [UVec3::ZERO, last], &mut |block, _| {
-                if is_seen(block) {
-                    found.push(Entry { block: morton(block), facet: facet_number });
-                }
+            let corners = facets.corners(facet).map(|p| (p + rule.shift) / side);
+            descend(&mut dividers, (&corners, all), (&rule, &is_seen), &mut |level, block| {
+                found.push(Entry { level, block: morton(block), facet: facet_number });
             });
         }
         found
@@ -84,6 +133,28 @@ fn entries(facets: &Facets, rule: Rule, is_seen: impl Fn(UVec3) -> bool + Sync) 
     let mut entries = found.concat();
     entries.par_sort_unstable();
     entries
+}
+
+/// Visits the blocks of an octree that are seen and that a polygon goes through, those of the level of the last divider as far as they
+/// suit the rule, else those within them; the polygon is in sides of the former.
+fn descend(
+    dividers: &mut [Divider],
+    (polygon, blocks): (&[DVec3], [UVec3; 2]),
+    (rule, is_seen): (&Rule, &impl Fn(u32, UVec3) -> bool),
+    visit: &mut impl FnMut(u32, UVec3),
+) {
+    let Some((divider, finer)) = dividers.split_last_mut() else { return };
+    let level = finer.len() as u32;
+    divider.divide(polygon, blocks, &mut |block, part| {
+        if !is_seen(level, block) {
+            return;
+        }
+        if rule.suits(level, block) {
+            return visit(level, block);
+        }
+        let part: Vec<DVec3> = part.iter().map(|p| p * 2.0).collect();
+        descend(finer, (&part, [block * 2, block * 2 + 1]), (rule, is_seen), visit);
+    });
 }
 
 /// The cells of a block.
@@ -109,17 +180,18 @@ impl Cells {
         (facets, look): (&Facets, &Appearance),
         rule: Rule,
     ) -> Vec<Surfel> {
-        let Some(&Entry { block: key, .. }) = block.first() else { return Vec::new() };
-        // From the facets' space to the block's.
-        let origin = (place(key) * SIDE).as_dvec3() - rule.shift;
+        let Some(&Entry { level, block: key, .. }) = block.first() else { return Vec::new() };
+        let side = side(level);
+        // From the facets' space to the block's, in cells of the level.
+        let origin = (place(key) * SIDE).as_dvec3() - rule.shift / side;
         let mut divider = std::mem::take(&mut self.divider);
         for entry in block {
             let facet = &facets.facets[entry.facet as usize];
             let facing = facet.normal.as_dvec3();
-            let corners = facets.corners(facet).map(|p| p - origin);
-            let look = look.of(facet);
+            let corners = facets.corners(facet).map(|p| p / side - origin);
+            let look = look.of(facet, side);
             let most_area = f64::from(look.most_area());
-            divider.divide(corners, [UVec3::ZERO, UVec3::splat(SIDE - 1)], &mut |cell, polygon| {
+            divider.divide(&corners, [UVec3::ZERO, UVec3::splat(SIDE - 1)], &mut |cell, polygon| {
                 let middle = cell.as_dvec3() + 0.5;
                 let share = self.sheet(cell, facing, rule);
                 for pair in polygon[1..].windows(2) {
@@ -136,7 +208,9 @@ impl Cells {
         for (key, last) in (0..).zip(&mut self.last) {
             let mut at = std::mem::replace(last, END);
             while let Some((share, before)) = self.sheets.get(at as usize) {
-                surfels.extend(share.surfel(origin + place(key).as_dvec3() + 0.5, rule.blur));
+                let middle = origin + place(key).as_dvec3() + 0.5;
+                let width = rule.grading.width(middle * side) / side;
+                surfels.extend(share.surfel(middle, rule.blur * width * width));
                 at = *before;
             }
         }

@@ -7,16 +7,16 @@ use glam::{DVec3, UVec3};
 pub(crate) struct Divider(Vec<DVec3>);
 
 impl Divider {
-    /// Visits the cells that a triangle goes through, of those from `low` to `high`, with what lies in each: the corners
-    /// of a convex polygon, in the triangle's sense of rotation. Together the polygons are the triangle, or what of it lies in these cells.
+    /// Visits the cells that a convex polygon goes through, of those from `low` to `high`, with what lies in each: the corners of
+    /// a convex polygon, in the same sense of rotation. Together the parts are the whole, or what of it lies in these cells.
     pub(crate) fn divide(
         &mut self,
-        triangle: [DVec3; 3],
+        polygon: &[DVec3],
         [low, high]: [UVec3; 2],
         visit: &mut impl FnMut(UVec3, &[DVec3]),
     ) {
         self.0.clear();
-        self.0.extend(triangle);
+        self.0.extend(polygon);
         let mut begin = 0;
         for axis in 0..3 {
             for (plane, above) in [(low[axis], true), (high[axis] + 1, false)] {
@@ -95,7 +95,7 @@ mod tests {
     fn parts(triangle: [DVec3; 3], cells: [UVec3; 2]) -> Vec<(UVec3, f64)> {
         let mut found = Vec::new();
         let facing = (triangle[1] - triangle[0]).cross(triangle[2] - triangle[0]).normalize_or_zero();
-        Divider::default().divide(triangle, cells, &mut |cell, polygon| {
+        Divider::default().divide(&triangle, cells, &mut |cell, polygon| {
             for corner in polygon {
                 let inside = (corner - cell.as_dvec3()).cmpge(DVec3::splat(-1e-12))
                     & (corner - cell.as_dvec3()).cmple(DVec3::splat(1.0 + 1e-12));

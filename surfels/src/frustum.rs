@@ -76,7 +76,7 @@ fn part(polygon: Vec<DVec3>, planes: &[(DVec3, f64)]) -> Vec<DVec3> {
 
 /// The part of a polygon where `inside` is at least 0 (Sutherland, Hodgman, *Reentrant Polygon Clipping*,
 /// 1974).
-fn clip(polygon: Vec<DVec3>, inside: impl Fn(DVec3) -> f64) -> Vec<DVec3> {
+pub(crate) fn clip(polygon: Vec<DVec3>, inside: impl Fn(DVec3) -> f64) -> Vec<DVec3> {
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     let mut from = polygon.last().copied().unwrap_or_default();
     for to in polygon {

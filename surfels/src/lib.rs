@@ -28,6 +28,7 @@ mod error;
 mod facets;
 mod flat;
 mod frustum;
+mod grading;
 mod measure;
 mod point_cloud;
 mod sample;

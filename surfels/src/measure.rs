@@ -1,6 +1,7 @@
 //! What a mesh measures, and whether it can be sampled.
 
 use crate::error::SampleError;
+use crate::grading::{Grading, side};
 use crate::mesh::{Mesh, Primitive, Texture};
 use crate::sight::Sight;
 use glam::{DVec3, Vec3};
@@ -9,26 +10,30 @@ use rayon::prelude::*;
 /// Triangles that one task measures.
 const TRIANGLES_PER_TASK: usize = 4096;
 
-/// What triangles of a mesh, or parts of them, measure in mesh space.
+/// What triangles of a mesh, or parts of them, measure in mesh space; but areas and lengths in cells of their [`Grading`]'s levels, of which
+/// those of the first level are as wide as a mesh unit.
 #[derive(Clone, Copy)]
 pub(crate) struct Extent {
-    /// In squared mesh units.
     pub(crate) area: f64,
     /// The areas of the shadows along the axes, each triangle's by itself, in sum; from 1 to √3 times the area.
     pub(crate) shadows: f64,
     /// The smallest and largest corner.
     pub(crate) bounds: [DVec3; 2],
+    /// The highest level.
+    pub(crate) level: u32,
     /// How many triangles, and the lengths of their boxes along the axes, in sum.
     pub(crate) triangles: u64,
     lengths: f64,
 }
 
 impl Extent {
-    /// Of what is seen, or of all; `None` where that is nothing. Triangles that name missing vertices don't count.
+    /// Of what is seen, or of all, where cells are even; `None` where that is nothing. Triangles that name missing vertices don't count.
     pub(crate) fn of(mesh: &Mesh, sight: Option<&Sight>) -> Option<Self> {
+        let grading = sight.map_or(Grading::EVEN, |sight| sight.grading);
+        let of_part = |(level, part): (u32, Vec<DVec3>)| Self::of_polygon(&part, level);
         let of_triangle = |corners: [DVec3; 3]| match sight {
-            None => Self::of_polygon(&corners),
-            Some(sight) => Self::of_polygon(&sight.part(corners)),
+            None => Self::of_polygon(&corners, 0),
+            Some(sight) => grading.parts(sight.part(corners)).filter_map(of_part).reduce(Self::and),
         };
         let of_some = |(part, some)| placed(part, some).filter_map(of_triangle).reduce(Self::and);
         // One after the other: sums are the same whoever made them.
@@ -36,13 +41,15 @@ impl Extent {
         parts.into_iter().flatten().reduce(Self::and)
     }
 
-    fn of_polygon(polygon: &[DVec3]) -> Option<Self> {
+    fn of_polygon(polygon: &[DVec3], level: u32) -> Option<Self> {
         let [first, rest @ ..] = polygon else { return None };
         let double: DVec3 = rest.windows(2).map(|pair| (pair[0] - first).cross(pair[1] - first)).sum();
         let bounds = rest.iter().fold([*first; 2], |[low, high], p| [low.min(*p), high.max(*p)]);
-        let lengths = (bounds[1] - bounds[0]).element_sum();
-        let [area, shadows] = [double.length(), double.abs().element_sum()].map(|double| double / 2.0);
-        Some(Self { area, shadows, bounds, triangles: 1, lengths })
+        let side = side(level);
+        let lengths = (bounds[1] - bounds[0]).element_sum() / side;
+        let [area, shadows] =
+            [double.length(), double.abs().element_sum()].map(|double| double / (2.0 * side * side));
+        Some(Self { area, shadows, bounds, level, triangles: 1, lengths })
     }
 
     fn and(self, other: Self) -> Self {
@@ -51,6 +58,7 @@ impl Extent {
             area: self.area + other.area,
             shadows: self.shadows + other.shadows,
             bounds: [low.min(other_low), high.max(other_high)],
+            level: self.level.max(other.level),
             triangles: self.triangles + other.triangles,
             lengths: self.lengths + other.lengths,
         }

@@ -1,16 +1,17 @@
 //! From meshes to clouds of surfels.
 
 use crate::appearance::{Appearance, Textures};
-use crate::cells::{LONGEST_EXTENT, Rule, surfels};
+use crate::cells::{Found, LONGEST_EXTENT, Rule, surfels};
 use crate::error::SampleError;
 use crate::facets::Facets;
+use crate::grading::{Grading, side};
 use crate::measure::Extent;
 use crate::mesh::Mesh;
 use crate::share::Surfel;
 use crate::sight::{Sight, nearest_depth};
 use glam::{DAffine3, DVec3};
 use oblate_engine::cloud::{Material, Shapes, Splats, Strength, Surface};
-use oblate_engine::{Camera, Cloud};
+use oblate_engine::{Camera, Cloud, Projection};
 use rayon::prelude::*;
 
 /// How many surfels a mesh gets.
@@ -45,6 +46,9 @@ impl Default for SamplerSettings {
 /// then the area on the surface smoothed by one kernel, up to third moments.
 const BLUR: f64 = 0.45;
 
+/// The longest extent of surfels that are evenly wide, in spacings: single-precision positions don't resolve more.
+const MOST_SPACINGS: f64 = (1_u32 << 20) as f64;
+
 /// Half the depth tolerance of a mesh's surfels, as a share of the spacing: about the mean standard deviation of their Gaussians.
 pub const KERNEL_SIGMA: f32 = 0.7;
 
@@ -54,9 +58,9 @@ pub const COVERAGE_FLOOR: f32 = 0.85;
 /// Pieces that a mesh may be parted into, for each surfel it may have and for each of its triangles.
 const MOST_PIECES: [f64; 2] = [64.0, 2.0];
 
-/// Where the lattice begins before the bounds, in cells: what is aligned with the axes or has its edges along diagonals lies
-/// clear of its planes and edges.
-const MARGINS: DVec3 = DVec3::new(0.3, 0.55, 0.8);
+/// Where the lattices begin before the bounds, in cells of the highest level: what is aligned with the axes or has its edges along
+/// diagonals lies clear of their planes and edges. However often they are doubled, thirds and fifths are no whole numbers, nor alike.
+const MARGINS: DVec3 = DVec3::new(1.0 / 3.0, 2.0 / 3.0, 1.0 / 5.0);
 
 /// The cosine of the angle at which two sheets in a cell are apart.
 const APART: f64 = 0.5;
@@ -96,19 +100,28 @@ pub fn sample(mesh: &Mesh, density: Density, settings: &SamplerSettings) -> Resu
         Density::Count(0) => return Err(SampleError::Density { what: "number of surfels", value: 0.0 }),
         Density::Count(count) => (extent.area / count as f64).sqrt(),
     };
-    let spacing = spacing.max(least_spacing(extent, settings));
-    spread((mesh, mesh.is_closed()), (extent, spacing), None, settings)
+    let [low, high] = extent.bounds;
+    let least = fewest_spacing(extent, settings).max((high - low).max_element() / MOST_SPACINGS);
+    let clouds = spread((mesh, mesh.is_closed()), (extent, spacing.max(least)), None, settings)?;
+    // Of one level.
+    clouds.into_iter().next().ok_or(SampleError::NoArea)
 }
 
-/// Spreads surfels over what a camera sees of a mesh that stands in the world, one a pixel where it comes nearest.
+/// Spreads surfels over what a camera sees of a mesh that stands in the world, one a pixel everywhere.
 ///
-/// As [`sample`], but triangles are left out that the picture doesn't show: those more than 16 pixels beside it and, of an opaque mesh
-/// that is [closed](Mesh::is_closed), all that face away. Where nothing is seen the cloud is empty. In this picture, and with filters
-/// of less than four pixels, it looks as the whole mesh does.
+/// As [`sample`], but there is a cloud for each octave of depths, of which surfels are of one size within a factor of two: a half to
+/// one pixel apart, as wide as a pixel. Triangles are left out that the picture doesn't show: those more than 16 pixels beside it and,
+/// of an opaque mesh that is [closed](Mesh::is_closed), all that face away. Where nothing is seen there is no cloud. In this picture, and
+/// with filters of less than four pixels, it looks as the whole mesh does. Beyond [`SamplerSettings::max_surfels`] all surfels are as
+/// many more pixels apart.
 ///
 /// # Errors
 /// Those of [`sample`].
-pub fn sample_seen(mesh: &Mesh, camera: &Camera, settings: &SamplerSettings) -> Result<Cloud, SampleError> {
+pub fn sample_seen(
+    mesh: &Mesh,
+    camera: &Camera,
+    settings: &SamplerSettings,
+) -> Result<Vec<Cloud>, SampleError> {
     mesh.check()?;
     let whole = Extent::of(mesh, None).ok_or(SampleError::Empty)?;
     if whole.area == 0.0 {
@@ -116,37 +129,49 @@ pub fn sample_seen(mesh: &Mesh, camera: &Camera, settings: &SamplerSettings) -> 
     }
     let is_closed = mesh.is_closed();
     let drops_backs = is_closed && (mesh.is_single_sided() || mesh.is_opaque());
-    let mut spacing = nearest_depth(mesh, camera).map(|depth| camera.pixel_width_at(depth));
-    while let Some(wanted) = spacing {
-        let sight = Sight::new(camera, wanted, drops_backs);
-        let Some(extent) = Extent::of(mesh, Some(&sight)).filter(|extent| extent.area > 0.0) else { break };
-        let least = least_spacing(extent, settings);
-        if wanted >= least {
-            return spread((mesh, is_closed), (extent, wanted), Some(&sight), settings);
+    let Some(mut nearest) = nearest_depth(mesh, camera) else { return Ok(Vec::new()) };
+    let mut pixels = 1.0;
+    loop {
+        let spacing = pixels * camera.pixel_width_at(nearest);
+        let sight = Sight::new(camera, (nearest, spacing), drops_backs);
+        let Some(extent) = Extent::of(mesh, Some(&sight)).filter(|extent| extent.area > 0.0) else {
+            return Ok(Vec::new());
+        };
+        let longest = (extent.bounds[1] - extent.bounds[0]).max_element();
+        let fewest = fewest_spacing(extent, settings);
+        match camera.projection() {
+            // What is nearer than this gets surfels of several pixels.
+            Projection::Perspective if spacing < longest / LONGEST_EXTENT => {
+                nearest *= 1.01 * longest / LONGEST_EXTENT / spacing;
+            }
+            Projection::Orthographic if spacing < longest / MOST_SPACINGS => {
+                pixels *= 1.01 * longest / MOST_SPACINGS / spacing;
+            }
+            _ if spacing < fewest => pixels *= 1.01 * fewest / spacing,
+            _ => return spread((mesh, is_closed), (extent, spacing), Some(&sight), settings),
         }
-        spacing = Some(1.01 * least);
     }
-    Ok(Cloud::new(splats(&[], (1.0, 1.0), (mesh, is_closed), settings))?)
 }
 
-/// The spacing of as many surfels as there may be of some extent, on a lattice that is large enough for it.
-fn least_spacing(Extent { area, bounds: [low, high], .. }: Extent, settings: &SamplerSettings) -> f64 {
+/// The spacing of as many surfels as there may be of some extent.
+fn fewest_spacing(extent: Extent, settings: &SamplerSettings) -> f64 {
     // A little below the cap, so that the count's spread seldom takes it beyond.
     let most = 0.95 * settings.max_surfels.max(1) as f64;
-    (area / most).sqrt().max((high - low).max_element() / LONGEST_EXTENT)
+    (extent.area / most).sqrt()
 }
 
-/// Surfels on what is seen of a checked mesh, which is closed or isn't.
+/// Surfels on what is seen of a checked mesh, which is closed or isn't; a cloud for each level, near ones first.
 fn spread(
     (mesh, is_closed): (&Mesh, bool),
     (extent, mut spacing): (Extent, f64),
     sight: Option<&Sight>,
     settings: &SamplerSettings,
-) -> Result<Cloud, SampleError> {
+) -> Result<Vec<Cloud>, SampleError> {
     let max = settings.max_surfels.max(1);
     let [low, high] = extent.bounds;
     let middle = (low + high) / 2.0;
     let textures = Textures::new(mesh);
+    let grading = sight.map_or(Grading::EVEN, |sight| sight.grading);
     let mut least_cosine = APART;
     loop {
         // A plane goes through as many cells as its shadows along the axes have areas.
@@ -163,11 +188,13 @@ fn spread(
         if facets.facets.is_empty() {
             return Err(SampleError::NoArea);
         }
-        let shift = (middle - low) / cell + MARGINS;
-        let end = (high - low) / cell + 2.0 * MARGINS;
-        let rule = Rule { shift, end, least_cosine, blur: BLUR * BLUR };
+        let grading = grading.in_units((middle, cell));
+        let margins = MARGINS * side(extent.level);
+        let shift = (middle - low) / cell + margins;
+        let end = (high - low) / cell + 2.0 * margins;
+        let rule = Rule { shift, end, grading, level: extent.level, least_cosine, blur: BLUR * BLUR };
         let found = surfels((&facets, &Appearance::new(&facets, &textures)), sight, rule);
-        let count: usize = found.iter().map(Vec::len).sum();
+        let count: usize = found.iter().map(Found::count).sum();
         if count > max {
             if cell > (high - low).max_element() {
                 least_cosine = -1.0; // Few are wanted of what faces everywhere.
@@ -175,19 +202,26 @@ fn spread(
             spacing *= 1.01 * (count as f64 / max as f64).sqrt();
             continue;
         }
-        let splats = splats(&found, (cell, spacing), (mesh, is_closed), settings);
-        return Ok(Cloud::new(splats)?.transformed(DAffine3::from_translation(middle)));
+        let of_level = |found: &Found| {
+            let cell = cell * side(found.level);
+            let origin = found.middle();
+            let splats =
+                splats((&found.blocks, origin), (cell, spacing * found.mean_width(grading)), (mesh, is_closed), settings);
+            Ok(Cloud::new(splats)?.transformed(DAffine3::from_translation(middle + origin * cell)))
+        };
+        return found.iter().filter(|found| found.count() > 0).map(of_level).collect();
     }
 }
 
+/// Surfels that are a spacing apart, from lengths in cells of a side; `origin` becomes theirs.
 fn splats(
-    blocks: &[Vec<Surfel>],
+    (blocks, origin): (&[Vec<Surfel>], DVec3),
     (cell, spacing): (f64, f64),
     (mesh, is_closed): (&Mesh, bool),
     settings: &SamplerSettings,
 ) -> Splats {
     let translucent = blocks.par_iter().flatten_iter().any(|surfel| surfel.color.w < 1.0 - 1e-6);
-    let centers = || column(blocks, |surfel| (surfel.center * cell).as_vec3());
+    let centers = || column(blocks, |surfel| ((surfel.center - origin) * cell).as_vec3());
     let factors = || column(blocks, |surfel| surfel.factor * cell as f32);
     let areas = || column(blocks, |surfel| (f64::from(surfel.area) * cell * cell) as f32);
     let opacities = || translucent.then(|| column(blocks, |surfel| surfel.color.w.clamp(0.0, 1.0)));

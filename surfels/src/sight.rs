@@ -1,14 +1,15 @@
 //! The triangles that a picture shows.
 
 use crate::frustum::Frustum;
+use crate::grading::Grading;
 use crate::measure::{placed, tasks};
 use crate::mesh::Mesh;
 use glam::DVec3;
 use oblate_engine::{Camera, Projection};
 use rayon::prelude::*;
 
-/// How far beside the picture triangles are looked at: in pixels, which leaves room for filters, and in spacings. A surfel of a σ of 0.7
-/// spacings reaches 3.5 σ, and what is left out of its cell lies within the cell's diagonal.
+/// How far beside the picture triangles are looked at: in pixels, which leaves room for filters, and in spacings, which widen as pixels
+/// do. A surfel of a σ of 0.7 spacings reaches 3.5 σ, and what is left out of its cell lies within the cell's diagonal.
 const MARGIN_PIXELS: f64 = 16.0;
 const MARGIN: f64 = 5.0;
 
@@ -17,6 +18,7 @@ pub(crate) struct Sight {
     frustum: Frustum,
     /// From where backs are told, if they are dropped.
     viewpoint: Option<Viewpoint>,
+    pub(crate) grading: Grading,
 }
 
 enum Viewpoint {
@@ -26,14 +28,16 @@ enum Viewpoint {
 }
 
 impl Sight {
-    /// Surfels will be `spacing` apart.
-    pub(crate) fn new(camera: &Camera, spacing: f64, drops_backs: bool) -> Self {
+    /// Surfels will be a spacing apart at a depth, and as many pixels behind it.
+    pub(crate) fn new(camera: &Camera, (nearest, spacing): (f64, f64), drops_backs: bool) -> Self {
         let viewpoint = match camera.projection() {
             Projection::Perspective => Viewpoint::Eye(camera.pose().eye()),
             Projection::Orthographic => Viewpoint::Along(camera.pose().forward()),
         };
-        let frustum = Frustum::new(camera, MARGIN_PIXELS, MARGIN * spacing);
-        Self { frustum, viewpoint: drops_backs.then_some(viewpoint) }
+        let pixels = MARGIN_PIXELS + MARGIN * spacing / camera.pixel_width_at(nearest);
+        let frustum = Frustum::new(camera, pixels, MARGIN * spacing);
+        let grading = Grading::of_pixels(camera, nearest);
+        Self { frustum, viewpoint: drops_backs.then_some(viewpoint), grading }
     }
 
     /// Whether a triangle may be seen, its corners counter-clockwise from outside.

@@ -4,8 +4,8 @@ mod support;
 
 use glam::{DAffine3, DVec3, dvec3};
 use oblate_engine::{Camera, Cloud, Frame, Pose, RenderSettings, Scene, render};
-use oblate_surfels::{Density, Mesh, SamplerSettings, primitives, sample, sample_seen};
-use support::{centers, mesh_of, outward, surface, total_area};
+use oblate_surfels::{COVERAGE_FLOOR, Density, Mesh, SamplerSettings, primitives, sample, sample_seen};
+use support::{Finder, centers, mesh_of, outward, quasirandom, surface, total_area};
 
 const SIZE: u32 = 100;
 /// Pixels for a slope of 1.
@@ -17,8 +17,14 @@ fn camera(eye: DVec3, target: DVec3) -> Camera {
     Camera::perspective(pose, 90f64.to_radians(), [SIZE; 2]).expect("a camera")
 }
 
-fn seen(mesh: &Mesh, camera: &Camera) -> Cloud {
+fn seen(mesh: &Mesh, camera: &Camera) -> Vec<Cloud> {
     sample_seen(mesh, camera, &SamplerSettings::default()).expect("the mesh is right")
+}
+
+/// What is seen within an octave of depths.
+fn seen_alike(mesh: &Mesh, camera: &Camera) -> Cloud {
+    let [cloud] = seen(mesh, camera).try_into().expect("one cloud");
+    cloud
 }
 
 /// Of the whole mesh, as dense as surfels of what is seen.
@@ -27,8 +33,8 @@ fn whole(mesh: &Mesh, seen: &Cloud) -> Cloud {
     sample(mesh, Density::Spacing(spacing), &SamplerSettings::default()).expect("the mesh is right")
 }
 
-fn picture(cloud: Cloud, camera: &Camera) -> Frame {
-    render(&Scene { clouds: vec![cloud], lights: Vec::new() }, camera, &RenderSettings::default(), &())
+fn picture(clouds: Vec<Cloud>, camera: &Camera) -> Frame {
+    render(&Scene { clouds, lights: Vec::new() }, camera, &RenderSettings::default(), &())
         .expect("the scene is right")
 }
 
@@ -37,7 +43,7 @@ fn a_closed_surface_has_no_backs() {
     let mesh = mesh_of(primitives::sphere(200), DAffine3::from_translation(dvec3(0.0, 0.0, 0.4)));
     let eye = dvec3(0.0, 0.0, 2.4);
     let camera = camera(eye, DVec3::ZERO);
-    let cloud = seen(&mesh, &camera);
+    let cloud = seen_alike(&mesh, &camera);
     // A sphere of radius 1 from a distance of 2 shows a quarter of itself, 1 away at the nearest. What was left out is no farther from
     // the rim than a triangle reaches, 0.03 of 2π, which has an eighth of that area.
     let share = total_area(&cloud) / mesh.area();
@@ -48,7 +54,7 @@ fn a_closed_surface_has_no_backs() {
     assert!(centers(&cloud).into_iter().zip(outward(&cloud)).all(faces));
     assert!(surface(&cloud).closed);
 
-    let (one, all) = (picture(cloud.clone(), &camera), picture(whole(&mesh, &cloud), &camera));
+    let (one, all) = (picture(vec![cloud.clone()], &camera), picture(vec![whole(&mesh, &cloud)], &camera));
     let pixels = one.color.iter().zip(&all.color).zip(one.depth.iter().zip(&all.depth));
     let mut compared = 0;
     for ((a, b), (z, expected)) in pixels {
@@ -73,7 +79,7 @@ fn what_is_beside_the_picture_is_left_out() {
     for cells in [1, 400] {
         let mesh = mesh_of(primitives::plane(cells), place);
         let camera = camera(dvec3(3.0, 10.0, 5.0), dvec3(3.0, 0.0, 5.0));
-        let cloud = seen(&mesh, &camera);
+        let cloud = seen_alike(&mesh, &camera);
         // Up to 16 pixels and 5 spacings of a pixel on each side, and what is in the same blocks of 32 spacings of √2 or triangles of
         // side 1. It is turned by a few degrees.
         let most = (1.2_f64 * 20.0 + 2.0 * (21.0 + 32.0 * 1.42) * 0.2 + 2.0 * 1.42).powi(2);
@@ -82,7 +88,7 @@ fn what_is_beside_the_picture_is_left_out() {
         let expected = total_area(&cloud) / (10.0 / FOCAL).powi(2);
         assert!((cloud.len() as f64 / expected - 1.0).abs() < 0.1, "{} surfels for {expected}", cloud.len());
         // Nothing is missing in the corners.
-        assert!(picture(cloud, &camera).color.iter().all(|pixel| pixel[3] > 0.999));
+        assert!(picture(vec![cloud], &camera).color.iter().all(|pixel| pixel[3] > 0.999));
     }
 }
 
@@ -91,32 +97,83 @@ fn what_is_open_has_its_backs() {
     let mut open = primitives::sphere(60);
     open.triangles.truncate(open.triangles.len() / 2);
     let mesh = mesh_of(open, DAffine3::IDENTITY);
-    let cloud = seen(&mesh, &camera(dvec3(0.0, 0.0, 3.0), DVec3::ZERO));
-    assert!((total_area(&cloud) / mesh.area() - 1.0).abs() < 1e-5);
-    assert!(!surface(&cloud).closed);
+    let clouds = seen(&mesh, &camera(dvec3(0.0, 0.0, 3.0), DVec3::ZERO));
+    let area: f64 = clouds.iter().map(total_area).sum();
+    assert!((area / mesh.area() - 1.0).abs() < 1e-5);
+    assert!(clouds.iter().all(|cloud| !surface(cloud).closed));
 }
 
 #[test]
-fn nothing_seen_is_an_empty_cloud() {
+fn nothing_seen_is_no_cloud() {
     let mesh = mesh_of(primitives::sphere(20), DAffine3::IDENTITY);
     for (eye, target) in [([0.0, 0.0, 3.0], [0.0, 0.0, 9.0]), ([5.0, 0.0, 3.0], [5.0, 0.0, -9.0])] {
         let camera = camera(eye.into(), target.into());
-        let cloud = seen(&mesh, &camera);
-        assert!(cloud.is_empty());
-        assert!(picture(cloud, &camera).color.iter().all(|pixel| pixel[3] == 0.0));
+        let clouds = seen(&mesh, &camera);
+        assert!(clouds.is_empty());
+        assert!(picture(clouds, &camera).color.iter().all(|pixel| pixel[3] == 0.0));
     }
 }
 
+/// A square of side 2r below an eye, at a distance of 1, that looks along it.
+fn floor(r: f64) -> (Mesh, Camera) {
+    let mesh = mesh_of(primitives::plane(30), DAffine3::from_scale(DVec3::splat(r)));
+    (mesh, camera(dvec3(0.0, 1.0, 0.0), dvec3(0.0, 1.0, -9.0)))
+}
+
 #[test]
-fn the_nearest_sets_the_spacing_as_far_as_there_may_be_surfels() {
-    // A square that goes by the eye at a distance of 1, and begins behind it.
-    let mesh = mesh_of(primitives::plane(30), DAffine3::from_scale(DVec3::splat(5.0)));
-    let camera = camera(dvec3(0.0, 1.0, 0.0), dvec3(0.0, 1.0, -9.0));
-    let spacing = |cloud: &Cloud| (total_area(cloud) / cloud.len() as f64).sqrt();
-    // At the lower border of the picture, 45° down.
-    let cloud = seen(&mesh, &camera);
-    assert!((spacing(&cloud) * FOCAL - 1.0).abs() < 0.1, "{} pixels", spacing(&cloud) * FOCAL);
+fn each_octave_of_depths_has_a_spacing_of_its_own() {
+    let (mesh, camera) = floor(60.0);
+    let clouds = seen(&mesh, &camera);
+    let spacing = |cloud: &Cloud| (total_area(cloud) / cloud.len() as f64).sqrt() * FOCAL;
+    // The lower border of the picture lies 45° down, at a depth of 1.
+    assert_eq!(clouds.len(), 6, "up to 60");
+    let forward = camera.pose().forward();
+    for (number, cloud) in clouds.iter().enumerate() {
+        let least = f64::from(1 << number);
+        assert!((spacing(cloud) / least - 1.0).abs() < 0.1, "{number}: {} pixels", spacing(cloud));
+        let depths = centers(cloud).into_iter().map(|at| forward.dot(at - camera.pose().eye()));
+        let (near, far) = depths.fold((f64::INFINITY, 0.0_f64), |(a, b), z| (a.min(z), b.max(z)));
+        // Blocks of 32 cells end where they do, and half of one that the octave ends in is finer still.
+        let block = 32.0 * least / FOCAL;
+        assert!(number == 0 || near > least, "{number} begins at {near}");
+        assert!(far < 2.0 * least + 4.0 * 1.8 * block, "{number} ends at {far}");
+    }
+    let total: usize = clouds.iter().map(Cloud::len).sum();
     let settings = SamplerSettings { max_surfels: 1000, ..SamplerSettings::default() };
     let few = sample_seen(&mesh, &camera, &settings).unwrap();
-    assert!(few.len() <= 1000 && few.len() > 800, "{} surfels", few.len());
+    let kept: usize = few.iter().map(Cloud::len).sum();
+    println!("{total} surfels; {kept} of at most 1000");
+    assert!(kept <= 1000 && kept > 700, "{kept} surfels");
+}
+
+#[test]
+fn where_octaves_meet_surfels_cover_as_evenly_as_elsewhere() {
+    let (mesh, along) = floor(40.0);
+    let pixel = 1.0 / FOCAL;
+    for camera in [along, camera(dvec3(0.3, 1.0, 0.0), dvec3(7.0, -1.0, -9.0))] {
+        let clouds = seen(&mesh, &camera);
+        assert!(clouds.len() >= 5);
+        let finders: Vec<Finder> = clouds
+            .iter()
+            .map(|cloud| Finder::new(cloud, 2.5 * f64::from(surface(cloud).depth_tolerance)))
+            .collect();
+        let depth = |at: DVec3| camera.pose().forward().dot(at - camera.pose().eye());
+        let (mut least, mut most, mut places) = (f64::INFINITY, 0.0_f64, 0);
+        for i in 0..6000 {
+            // As many in each octave, within the picture.
+            let [u, v] = quasirandom(i);
+            let ahead = (u * 3.4).exp();
+            let forward = camera.pose().forward().with_y(0.0).normalize();
+            let across = forward.cross(DVec3::Y);
+            let at = camera.pose().eye().with_y(0.0) + (forward + across * 0.8 * (2.0 * v - 1.0)) * ahead;
+            if depth(at) < 1.0 + 5.0 * pixel || at.abs().max_element() > 39.0 {
+                continue;
+            }
+            let coverage: f64 = finders.iter().map(|finder| finder.coverage(at, DVec3::Y)).sum();
+            (least, most, places) = (least.min(coverage), most.max(coverage), places + 1);
+        }
+        println!("{places} places: Σw from {least} to {most}");
+        assert!(places > 4000);
+        assert!(least >= f64::from(COVERAGE_FLOOR) && most <= 1.15);
+    }
 }
