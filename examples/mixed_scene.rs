@@ -24,12 +24,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // Its outer parts as haze: value, red, green, blue, extinction per unit length.
     let look = "transfer 1\nstrength extinction\ncolor srgb\n 0 0.2 0.4 0.9 0\n 0.4 0.5 0.7 1 3".parse()?;
     let haze = to_kernels(&cloud, &look, &KernelSettings::default())?;
-    // The surface of its core in orange, and surfels on what is seen of the knot: one a pixel.
+    // The surface of its core in orange, and surfels on what is seen of the knot, one a pixel: clouds by their depth.
     let core = iso_surfels(&cloud, 0.5, &IsoSettings { color: [0.9, 0.3, 0.05], ..Default::default() })?;
     let knot = sample_seen(&knot, &camera, &SamplerSettings::default())?;
 
     // All in one picture, before black. Without lights there is a headlight.
-    let scene = Scene { clouds: vec![haze, core, knot], lights: Vec::new() };
+    let scene = Scene { clouds: [vec![haze, core], knot].concat(), lights: Vec::new() };
     let settings = RenderSettings { background: [0.0, 0.0, 0.0, 1.0], ..Default::default() };
     let frame = render(&scene, &camera, &settings, &())?;
 

@@ -13,7 +13,7 @@ use glam::{DAffine3, DVec3};
 use oblate::engine::{Camera, Cloud, HalfSpace, Light, Scene};
 use oblate::surfels::{
     Density, Mesh, PointCloud, PointColor, PointSettings, SamplerSettings, point_surfels, sample,
-    sample_seen, shown_spacing, view_spacing,
+    sample_seen, seen_count, shown_spacing, view_spacing,
 };
 use oblate::volumes::Volume;
 use rayon::prelude::*;
@@ -120,20 +120,23 @@ pub(crate) fn assemble(
     let [width, height] = drawing.size.map(f64::from);
     let most = MOST_SURFELS.min(MOST_SURFELS_A_PIXEL * width * height);
     let sampled: Vec<_> = meshes.into_iter().map(|mesh| mesh.at_the_nearest(&camera)).collect();
-    let whole: f64 = sampled.iter().map(|(mesh, _)| mesh.mesh.area()).sum();
+    let wanted: Vec<f64> = sampled.iter().map(|(mesh, moves)| mesh.wanted(&camera, moves)).collect();
+    // Those that want less than others leave them what there is.
+    let share = most / wanted.iter().sum::<f64>().max(1.0);
     // Of the ids that are left each place takes as many as another.
     let taken: usize = standing.iter().map(|own| own.cloud.len().saturating_mul(own.moves.len())).sum();
     let ids = MOST_SPLATS.saturating_sub(taken)
         / sampled.iter().map(|(_, moves)| moves.len()).sum::<usize>().max(1);
-    for (StandingMesh { name, mesh, look, .. }, moves) in sampled {
+    for ((mesh, moves), wanted) in sampled.into_iter().zip(wanted) {
+        let is_whole = mesh.is_whole(&moves);
+        let StandingMesh { name, mesh, look, .. } = mesh;
         let _task = console.task(format!("surfels of {name}"));
-        // The meshes share the limit by their areas.
-        let share = (most * mesh.area() / whole) as usize;
+        let share = (wanted * share) as usize;
         let kept = kept(&look);
-        // What is cut open shows its backs, and other places show other sides.
-        let is_whole = moves.len() > 1 || !kept.is_empty();
-        let cloud = surfels(&mesh, &look, (&camera, is_whole), share.min(ids));
-        standing.push(Standing { cloud: cloud.with_context(|| name.clone())?, name, moves, kept });
+        let clouds =
+            surfels(&mesh, &look, (&camera, is_whole), share.min(ids)).with_context(|| name.clone())?;
+        let stand = |cloud| Standing { name: name.clone(), cloud, moves: moves.clone(), kept: kept.clone() };
+        standing.extend(clouds.into_iter().map(stand));
     }
 
     let (mut clouds, mut origins) = (Vec::with_capacity(places), Vec::with_capacity(places));
@@ -186,6 +189,24 @@ impl StandingMesh {
         let moves = moves_from(&self.places, base);
         let mesh = placed_mesh(self.mesh, self.places[base]);
         (Self { mesh, ..self }, moves)
+    }
+
+    /// Whether surfels are of all sides: what is cut open shows its backs, and other places show other sides.
+    fn is_whole(&self, moves: &[DAffine3]) -> bool {
+        moves.len() > 1 || !kept(&self.look).is_empty()
+    }
+
+    /// How many surfels it takes, if that follows the view.
+    fn wanted(&self, camera: &Camera, moves: &[DAffine3]) -> f64 {
+        let count = if is_asked(&self.look) {
+            0.0
+        } else if self.is_whole(moves) {
+            let spacing = view_spacing(camera, self.mesh.bounds().unwrap_or_default());
+            self.mesh.area() / (spacing * spacing)
+        } else {
+            seen_count(&self.mesh, camera)
+        };
+        if count.is_finite() { count } else { 0.0 }
     }
 
     fn nearest(&self, camera: &Camera) -> usize {
@@ -258,16 +279,21 @@ const POINTS_A_TASK: usize = 4096;
 
 /// As many surfels as asked for; else one a pixel, at most `most`, and where a mesh needn't be whole none of what the picture
 /// doesn't show.
-fn surfels(mesh: &Mesh, look: &Look, (camera, is_whole): (&Camera, bool), most: usize) -> Result<Cloud> {
-    if look.surfels.is_some() || look.surfel_spacing.is_some() {
-        return asked_surfels(mesh, look);
+fn surfels(mesh: &Mesh, look: &Look, (camera, is_whole): (&Camera, bool), most: usize) -> Result<Vec<Cloud>> {
+    if is_asked(look) {
+        return Ok(vec![asked_surfels(mesh, look)?]);
     }
     let settings = SamplerSettings { max_surfels: most.max(1), ..SamplerSettings::default() };
     if !is_whole {
         return Ok(sample_seen(mesh, camera, &settings)?);
     }
     let spacing = view_spacing(camera, mesh.bounds().unwrap_or_default());
-    Ok(sample(mesh, Density::Spacing(spacing), &settings)?)
+    Ok(vec![sample(mesh, Density::Spacing(spacing), &settings)?])
+}
+
+/// Whether it is said how many surfels there are.
+fn is_asked(look: &Look) -> bool {
+    look.surfels.is_some() || look.surfel_spacing.is_some()
 }
 
 /// As many surfels as asked for.

@@ -18,6 +18,7 @@ pub(crate) const LONGEST_EXTENT: f64 = (1_u32 << (20 + SIDE_BITS)) as f64;
 /// Cells of a block along an axis, and how many bits number them.
 const SIDE: u32 = 1 << SIDE_BITS;
 const SIDE_BITS: u32 = 5;
+pub(crate) const BLOCK_SIDE: f64 = SIDE as f64;
 
 /// Facets that one task puts into blocks.
 const FACETS_PER_TASK: usize = 1024;
@@ -44,7 +45,7 @@ pub(crate) struct Rule {
 impl Rule {
     /// The middle of a block relative to the facets' origin, and half its side, in the first level's cells.
     fn block(&self, level: u32, block: UVec3) -> (DVec3, f64) {
-        let side = side(level) * f64::from(SIDE);
+        let side = side(level) * BLOCK_SIDE;
         ((block.as_dvec3() + 0.5) * side - self.shift, side / 2.0)
     }
 
@@ -114,7 +115,7 @@ struct Entry {
 
 /// All facets in all blocks that they go through and that are seen, in the order of levels, blocks and facets.
 fn entries(facets: &Facets, rule: Rule, is_seen: impl Fn(u32, UVec3) -> bool + Sync) -> Vec<Entry> {
-    let side = side(rule.level) * f64::from(SIDE);
+    let side = side(rule.level) * BLOCK_SIDE;
     let all = [UVec3::ZERO, (rule.end / side).as_uvec3()];
     let of_facets = |(task, some): (usize, &[Facet])| {
         let mut found = Vec::with_capacity(some.len());

@@ -49,6 +49,13 @@ impl Grading {
         level(self.unbounded(middle) - self.slope.abs().dot(half))
     }
 
+    /// What has the levels that boxes have in the mean over all places in them, if each has one as a whole; those of the first level
+    /// have half such a side.
+    pub(crate) fn of_boxes(self, half: f64) -> Self {
+        let share = 1.0 / (1.0 + self.slope.abs().element_sum() * half);
+        Self { slope: self.slope * share, offset: self.offset * share }
+    }
+
     /// The parts of a convex polygon by their levels.
     pub(crate) fn parts(&self, mut polygon: Vec<DVec3>) -> impl Iterator<Item = (u32, Vec<DVec3>)> {
         let ends = |polygon: &[DVec3]| {
@@ -96,7 +103,8 @@ mod tests {
 
     #[test]
     fn levels_are_whole_octaves() {
-        let cases = [(-3.0, 0), (0.5, 0), (1.0, 0), (1.9, 0), (2.0, 1), (3.9, 1), (1024.0, 10), (f64::NAN, 0)];
+        let cases =
+            [(-3.0, 0), (0.5, 0), (1.0, 0), (1.9, 0), (2.0, 1), (3.9, 1), (1024.0, 10), (f64::NAN, 0)];
         for (width, expected) in cases {
             assert_eq!(level(width), expected, "{width}");
         }

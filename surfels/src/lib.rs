@@ -47,5 +47,5 @@ pub use mesh::{BaseColor, Mesh, Primitive, Texture, Wrap};
 pub use point_cloud::{
     POINT_COVERAGE_FLOOR, PointCloud, PointColor, PointError, PointSettings, point_surfels,
 };
-pub use sample::{COVERAGE_FLOOR, Density, KERNEL_SIGMA, SamplerSettings, sample, sample_seen};
+pub use sample::{COVERAGE_FLOOR, Density, KERNEL_SIGMA, SamplerSettings, sample, sample_seen, seen_count};
 pub use view::{shown_spacing, view_spacing};

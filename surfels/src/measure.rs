@@ -29,7 +29,7 @@ pub(crate) struct Extent {
 impl Extent {
     /// Of what is seen, or of all, where cells are even; `None` where that is nothing. Triangles that name missing vertices don't count.
     pub(crate) fn of(mesh: &Mesh, sight: Option<&Sight>) -> Option<Self> {
-        let grading = sight.map_or(Grading::EVEN, |sight| sight.grading);
+        let grading = sight.map_or(Grading::EVEN, |sight| sight.mean_grading);
         let of_part = |(level, part): (u32, Vec<DVec3>)| Self::of_polygon(&part, level);
         let of_triangle = |corners: [DVec3; 3]| match sight {
             None => Self::of_polygon(&corners, 0),

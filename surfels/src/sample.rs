@@ -132,9 +132,8 @@ pub fn sample_seen(
     let Some(mut nearest) = nearest_depth(mesh, camera) else { return Ok(Vec::new()) };
     let mut pixels = 1.0;
     loop {
-        let spacing = pixels * camera.pixel_width_at(nearest);
-        let sight = Sight::new(camera, (nearest, spacing), drops_backs);
-        let Some(extent) = Extent::of(mesh, Some(&sight)).filter(|extent| extent.area > 0.0) else {
+        let Some(Seen { sight, extent, spacing }) = Seen::new(mesh, drops_backs, camera, (nearest, pixels))
+        else {
             return Ok(Vec::new());
         };
         let longest = (extent.bounds[1] - extent.bounds[0]).max_element();
@@ -153,10 +152,33 @@ pub fn sample_seen(
     }
 }
 
+/// About how many surfels [`sample_seen`] spreads, backs included, where there may be as many as it takes; 0 where nothing is seen.
+pub fn seen_count(mesh: &Mesh, camera: &Camera) -> f64 {
+    let seen = nearest_depth(mesh, camera).and_then(|nearest| Seen::new(mesh, false, camera, (nearest, 1.0)));
+    seen.map_or(0.0, |Seen { extent, spacing, .. }| extent.area / (spacing * spacing))
+}
+
+/// What a camera sees of a mesh.
+struct Seen {
+    sight: Sight,
+    extent: Extent,
+    spacing: f64,
+}
+
+impl Seen {
+    /// With surfels as many pixels apart from a depth on; nothing if there is no area to be seen.
+    fn new(mesh: &Mesh, drops_backs: bool, camera: &Camera, (nearest, pixels): (f64, f64)) -> Option<Self> {
+        let spacing = pixels * camera.pixel_width_at(nearest);
+        let sight = Sight::new(camera, (nearest, spacing), drops_backs);
+        let extent = Extent::of(mesh, Some(&sight)).filter(|extent| extent.area > 0.0)?;
+        Some(Self { sight, extent, spacing })
+    }
+}
+
 /// The spacing of as many surfels as there may be of some extent.
 fn fewest_spacing(extent: Extent, settings: &SamplerSettings) -> f64 {
     // A little below the cap, so that the count's spread seldom takes it beyond.
-    let most = 0.95 * settings.max_surfels.max(1) as f64;
+    let most = 0.9 * settings.max_surfels.max(1) as f64;
     (extent.area / most).sqrt()
 }
 
@@ -205,8 +227,12 @@ fn spread(
         let of_level = |found: &Found| {
             let cell = cell * side(found.level);
             let origin = found.middle();
-            let splats =
-                splats((&found.blocks, origin), (cell, spacing * found.mean_width(grading)), (mesh, is_closed), settings);
+            let splats = splats(
+                (&found.blocks, origin),
+                (cell, spacing * found.mean_width(grading)),
+                (mesh, is_closed),
+                settings,
+            );
             Ok(Cloud::new(splats)?.transformed(DAffine3::from_translation(middle + origin * cell)))
         };
         return found.iter().filter(|found| found.count() > 0).map(of_level).collect();

@@ -1,5 +1,6 @@
 //! The triangles that a picture shows.
 
+use crate::cells::BLOCK_SIDE;
 use crate::frustum::Frustum;
 use crate::grading::Grading;
 use crate::measure::{placed, tasks};
@@ -19,6 +20,8 @@ pub(crate) struct Sight {
     /// From where backs are told, if they are dropped.
     viewpoint: Option<Viewpoint>,
     pub(crate) grading: Grading,
+    /// What has the levels that places have in the mean, since a block has one as a whole.
+    pub(crate) mean_grading: Grading,
 }
 
 enum Viewpoint {
@@ -37,7 +40,9 @@ impl Sight {
         let pixels = MARGIN_PIXELS + MARGIN * spacing / camera.pixel_width_at(nearest);
         let frustum = Frustum::new(camera, pixels, MARGIN * spacing);
         let grading = Grading::of_pixels(camera, nearest);
-        Self { frustum, viewpoint: drops_backs.then_some(viewpoint), grading }
+        // The side of a cell is 1 to 1.3 spacings.
+        let mean_grading = grading.of_boxes(BLOCK_SIDE / 2.0 * 1.2 * spacing);
+        Self { frustum, viewpoint: drops_backs.then_some(viewpoint), grading, mean_grading }
     }
 
     /// Whether a triangle may be seen, its corners counter-clockwise from outside.
