@@ -3,7 +3,7 @@
 //! [`sample`] parts the surface at a cubic lattice; what of a sheet lies in one cell becomes a surfel with that area, middle,
 //! covariance, normal and colour. Nothing of the surface is lost or counted twice, so the areas sum to the
 //! mesh's. Blurred by one Gaussian they are an even cover, whatever the triangles are like: huge, tiny, slivers, or all of them.
-//! [`sample_seen`] does so for what a camera sees.
+//! [`sample_seen`] does so for what a camera sees, with cells as wide as pixels near and far.
 //!
 //! [`point_surfels`] makes each point of a scan a surfel, whose plane and area its neighbours tell, [`depth_surfels`] each pixel of an
 //! [`RgbdImage`]. [`merge_flat`] merges surfels where a surface is flat.
