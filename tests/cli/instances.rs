@@ -63,7 +63,10 @@ fn a_large_mesh_leaves_a_small_one_what_it_wants() {
     let place = Workplace::new();
     place.cube();
     // Eight million times as large as the cube, most of it beside the picture.
-    place.write("floor.obj", "v -7000 -1 -7000\nv -7000 -1 7000\nv 7000 -1 7000\nv 7000 -1 -7000\nf 1 2 3\nf 1 3 4\n");
+    place.write(
+        "floor.obj",
+        "v -7000 -1 -7000\nv -7000 -1 7000\nv 7000 -1 7000\nv 7000 -1 -7000\nf 1 2 3\nf 1 3 4\n",
+    );
     let splats = |files: &[&str]| {
         let view = ["render", "--eye", "0,20,4", "--target", "0,0,0", "--size", "64x64", "--stats", "-"];
         let [out, _] = place.run(&[&view, files].concat());
