@@ -7,9 +7,12 @@ use glam::{DVec3, Vec2, Vec3, Vec4};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// The area of a piece over which a texture is looked at in one go, in squared cells: what of a texture is finer than an eighth of a
-/// cell is lost to the kernel.
-const TEXTURED_AREA: f32 = 0.125;
+/// The area of a piece over which a texture is looked at in one go, in squared cells: of waves as long as a cell the kernel leaves
+/// e^{−2π²(0.45² + 1/12)} = 0.4 %, and this is half of that long.
+const TEXTURED_AREA: f32 = 0.25;
+
+/// The same where a mask has edges, which no kernel makes even: a share of a piece is there or isn't.
+const MASKED_AREA: f32 = 0.125;
 
 /// What the facets of a mesh look like.
 pub(crate) struct Appearance<'a> {
@@ -109,7 +112,11 @@ impl Look<'_> {
     /// The largest pieces that one look is enough for, in squared cells: where what there is to see is not linear, it is looked at
     /// in parts.
     pub(crate) fn most_area(&self) -> f32 {
-        if self.texture.is_none() && self.cutoff.is_none() { f32::INFINITY } else { TEXTURED_AREA }
+        match (self.cutoff, &self.texture) {
+            (Some(_), _) => MASKED_AREA,
+            (None, Some(_)) => TEXTURED_AREA,
+            (None, None) => f32::INFINITY,
+        }
     }
 
     /// Linear premultiplied colour and unit shading normal of a piece around a place, the colour over its area.
@@ -125,7 +132,7 @@ impl Look<'_> {
         color = visible(color, self.cutoff);
         if let Some(Textured { pyramid, coords, texels }) = &self.texture {
             let at = coords[0] * shares.x + coords[1] * shares.y + coords[2] * shares.z;
-            color *= pyramid.sample(at, texels * area.max(TEXTURED_AREA));
+            color *= pyramid.sample(at, texels * area.max(self.most_area()));
         }
         let smooth = self
             .normals
