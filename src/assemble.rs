@@ -120,8 +120,11 @@ pub(crate) fn assemble(
     let [width, height] = drawing.size.map(f64::from);
     let most = MOST_SURFELS.min(MOST_SURFELS_A_PIXEL * width * height);
     let sampled: Vec<_> = meshes.into_iter().map(|mesh| mesh.at_the_nearest(&camera)).collect();
-    let wanted: Vec<f64> = sampled.iter().map(|(mesh, moves)| mesh.wanted(&camera, moves)).collect();
-    // Those that want less than others leave them what there is.
+    // Those that want less than others leave them what there is; one alone may have all.
+    let wanted: Vec<f64> = match &sampled[..] {
+        [_] => vec![1.0],
+        several => several.iter().map(|(mesh, moves)| mesh.wanted(&camera, moves)).collect(),
+    };
     let share = most / wanted.iter().sum::<f64>().max(1.0);
     // Of the ids that are left each place takes as many as another.
     let taken: usize = standing.iter().map(|own| own.cloud.len().saturating_mul(own.moves.len())).sum();
