@@ -68,18 +68,22 @@ impl Found {
         self.blocks.iter().map(Vec::len).sum()
     }
 
-    /// The middle of the bounds of all surfels' centers, in cells of the level.
-    pub(crate) fn middle(&self) -> DVec3 {
-        let bounds = self.blocks.iter().flatten().map(|surfel| [surfel.center; 2]);
-        let all = bounds.reduce(|[a, b], [low, high]| [a.min(low), b.max(high)]);
-        all.map_or(DVec3::ZERO, |[low, high]| (low + high) / 2.0)
-    }
-
-    /// The mean width of all surfels, beside the narrowest.
-    pub(crate) fn mean_width(&self, grading: Grading) -> f64 {
+    /// The middle of the bounds of all surfels' centers, in cells of the level, and the surfels' mean width, beside the narrowest.
+    pub(crate) fn middle_and_width(&self, grading: Grading) -> (DVec3, f64) {
         let side = side(self.level);
-        let widths = self.blocks.iter().flatten().map(|surfel| grading.width(surfel.center * side));
-        widths.sum::<f64>() / self.count().max(1) as f64
+        let of_block = |block: &Vec<Surfel>| {
+            let begin = ([DVec3::INFINITY, DVec3::NEG_INFINITY], 0.0);
+            block.iter().map(|surfel| surfel.center).fold(begin, |([low, high], sum), center| {
+                ([low.min(center), high.max(center)], sum + grading.width(center * side))
+            })
+        };
+        // One after the other: sums are the same whoever made them.
+        let blocks: Vec<([DVec3; 2], f64)> = self.blocks.par_iter().map(of_block).collect();
+        let all = blocks
+            .into_iter()
+            .reduce(|([a, b], sum), ([low, high], own)| ([a.min(low), b.max(high)], sum + own));
+        let ([low, high], sum) = all.unwrap_or_default();
+        ((low + high) / 2.0, sum / self.count().max(1) as f64)
     }
 }
 

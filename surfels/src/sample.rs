@@ -67,7 +67,7 @@ const APART: f64 = 0.5;
 
 /// Spreads surfels evenly over a mesh, through its primitives' transforms.
 ///
-/// The cloud's space is the mesh's, moved so that the middle of the bounds is its origin; `cloud_to_world`
+/// The cloud's space is the mesh's, moved so that the middle of the surfels' bounds is its origin; `cloud_to_world`
 /// moves it back. Surfels are flat, along a Morton curve; what they look like is the mean over the area that they own:
 /// - area, in squared mesh units: they sum to [`Mesh::area`];
 /// - the disc faces the mean of the triangles' normals, outwards: a triangle's outside is where its corners
@@ -226,13 +226,9 @@ fn spread(
         }
         let of_level = |found: &Found| {
             let cell = cell * side(found.level);
-            let origin = found.middle();
-            let splats = splats(
-                (&found.blocks, origin),
-                (cell, spacing * found.mean_width(grading)),
-                (mesh, is_closed),
-                settings,
-            );
+            let (origin, width) = found.middle_and_width(grading);
+            let sizes = (cell, spacing * width);
+            let splats = splats((&found.blocks, origin), sizes, (mesh, is_closed), settings);
             Ok(Cloud::new(splats)?.transformed(DAffine3::from_translation(middle + origin * cell)))
         };
         return found.iter().filter(|found| found.count() > 0).map(of_level).collect();
