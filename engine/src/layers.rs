@@ -336,7 +336,7 @@ impl LayerBuilder<'_> {
                         continue;
                     }
                 }
-                let weight = inside.select(surfel.weight(simd, &sample, here.pixels, &self.lens), zero);
+                let weight = inside.select(surfel.weight(simd, &sample, &self.lens), zero);
                 let nearer = inside & sample.depth.simd_lt(depth);
                 depth = nearer.select(sample.depth, depth);
                 firsts = nearer.select(u32x16::simd_from(simd, listed.used as u32), firsts);
@@ -417,7 +417,7 @@ impl LayerBuilder<'_> {
             }
             // Where no sample was found the difference is infinite.
             let behind = weight.simd_gt(zero).select(depth - peel.depth, zero);
-            adding.add(simd, surfel, &here, [weight, behind]);
+            adding.add(simd, surfel, [weight, behind]);
         }
         if holds_sixteen::<S>() {
             *sums = own_sums;

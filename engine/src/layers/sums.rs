@@ -1,6 +1,5 @@
 //! What a layer's samples add up to, and what is seen through layers.
 
-use super::Here;
 use crate::raster::Surfel;
 use crate::simd::*;
 
@@ -45,7 +44,7 @@ impl<S: Simd> Sums<S> {
 
     /// Adds samples of a surfel, by their weights and how far they are behind the first ones.
     #[inline(always)]
-    pub(super) fn add(&mut self, simd: S, surfel: &Surfel, here: &Here<S>, [weight, behind]: [W<S>; 2]) {
+    pub(super) fn add(&mut self, simd: S, surfel: &Surfel, [weight, behind]: [W<S>; 2]) {
         let Surfel { normal, color, opacity, .. } = *surfel;
         self.depth = behind.mul_add(weight, self.depth);
         if opacity < 1.0 {
@@ -57,17 +56,7 @@ impl<S: Simd> Sums<S> {
                 |i| weight.mul_add(W::simd_from(simd, color[i] - self.usual[i]), self.color[i]),
             );
         }
-        match surfel.faces_away(here.corner) {
-            Some(false) => self.sides[0].add(simd, normal, weight),
-            Some(true) => self.sides[1].add(simd, normal, weight),
-            None => {
-                let zero = W::simd_from(simd, 0.0);
-                let facing = surfel.exact_facing(simd, here.pixels);
-                let back = facing.simd_gt(zero).select(weight, zero);
-                self.sides[0].add(simd, normal, weight - back);
-                self.sides[1].add(simd, normal, back);
-            }
-        }
+        self.sides[usize::from(surfel.faces_away())].add(simd, normal, weight);
     }
 }
 

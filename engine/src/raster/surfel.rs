@@ -6,7 +6,7 @@ use super::offsets::{Exact, HALF_LOG2_E, Offsets, Plane, ROOT_HALF_LOG2_E};
 use crate::camera::Projection;
 use crate::footprint::{Form, Lens, Record, Rect, SurfaceSample};
 use crate::simd::*;
-use crate::tile::{BLOCK_SIDE, HALF_BLOCK, Tile};
+use crate::tile::Tile;
 
 pub(crate) use batch::Surfels;
 
@@ -160,20 +160,10 @@ impl Surfel {
         Offsets::new(simd, pixels, (self.mean, self.root))
     }
 
-    /// Whether its back is seen in the block with a corner; `None` where both sides are.
+    /// Whether its back is seen: that of a plane is the same wherever it is before the eye.
     #[inline(always)]
-    pub(crate) fn faces_away(&self, corner: [f32; 2]) -> Option<bool> {
-        if !self.is_exact {
-            return Some(self.facing > 0.0);
-        }
-        let at = |axis: usize| {
-            let slope = self.facing_slope[axis];
-            let middle = corner[axis] + HALF_BLOCK - self.mean[axis];
-            [slope * middle, slope.abs() * BLOCK_SIDE as f32 / 2.0]
-        };
-        let [[rise_x, half_x], [rise_y, half_y]] = [at(0), at(1)];
-        let (middle, half) = (self.facing + rise_x + rise_y, half_x + half_y);
-        (middle.abs() > half).then_some(middle > 0.0)
+    pub(crate) fn faces_away(&self) -> bool {
+        self.facing * self.plane.depth > 0.0
     }
 
     /// What pixels see of it.
@@ -200,12 +190,6 @@ impl Surfel {
         }
     }
 
-    /// n·v over the coverage floor in the exact form.
-    #[inline(always)]
-    pub(crate) fn exact_facing<S: Simd>(&self, simd: S, pixels: [W<S>; 2]) -> W<S> {
-        self.offsets(simd, pixels).linear(simd, self.facing, self.facing_slope)
-    }
-
     /// Where the plane is. For a surfel that fills the pixel's filter it is where the sample is; a smaller one the
     /// filter sees where it is, and its plane somewhere else.
     #[inline(always)]
@@ -222,7 +206,7 @@ impl Surfel {
         let zero = W::simd_from(simd, 0.0);
         // n·v at the pixel less that at the mean, over that at the pixel; over that at the mean where rays are parallel.
         let change = if sample.per_den.is_some() {
-            let facing = self.exact_facing(simd, pixels);
+            let facing = self.offsets(simd, pixels).linear(simd, self.facing, self.facing_slope);
             (facing - self.facing) * reciprocal(simd, facing)
         } else {
             let change = self.offsets(simd, pixels).linear(simd, 0.0, self.tilt);
@@ -237,15 +221,12 @@ impl Surfel {
 
     /// Coverage over the cloud's floor; of meaning where a pixel is inside.
     #[inline(always)]
-    pub(crate) fn weight<S: Simd>(
-        &self,
-        simd: S,
-        sample: &Sample<S>,
-        pixels: [W<S>; 2],
-        lens: &SurfelLens,
-    ) -> W<S> {
+    pub(crate) fn weight<S: Simd>(&self, simd: S, sample: &Sample<S>, lens: &SurfelLens) -> W<S> {
+        // n·v where it is seen: of all places x on a plane n·x is the same.
         let peak = match sample.per_den {
-            Some(per_den) => self.exact_facing(simd, pixels).abs() * per_den.sqrt(),
+            Some(per_den) => {
+                reciprocal(simd, sample.depth) * per_den.sqrt() * (self.facing * self.plane.depth).abs()
+            }
             None => W::simd_from(simd, self.facing.abs()),
         };
         exp2_from(simd, sample.exponent, lens.end()) * peak

@@ -67,6 +67,10 @@ pub(super) enum Splat<'a> {
 pub(super) struct Surfel<'a> {
     gaussian: Gaussian,
     geometric_normal: DVec3,
+    /// The product of the normal and a ray through the centre: of all places on the plane that of the normal and the place is the
+    /// same, where rays meet in the eye.
+    facing: f64,
+    parallel: bool,
     area: f64,
     cutoff: f64,
     /// How far from a sample its plane is followed.
@@ -271,7 +275,18 @@ impl<'a> Setup<'a> {
                 let cutoff = self.settings.outline;
                 let filter = self.view.filter_at(center.z, self.low_pass).max_element();
                 let plane_reach = STEEPEST * cutoff.sqrt() * filter;
-                let surfel = Surfel { gaussian, geometric_normal, area, cutoff, plane_reach, prototype };
+                let facing = geometric_normal.dot(self.view.direction(center));
+                let parallel = self.view.parallel;
+                let surfel = Surfel {
+                    gaussian,
+                    geometric_normal,
+                    facing,
+                    parallel,
+                    area,
+                    cutoff,
+                    plane_reach,
+                    prototype,
+                };
                 return Some(Splat::Surfel(surfel));
             }
             Kind::Extinction => Amplitude::Mass(f64::from(splats.strength(index)) * placed.volume_scale),
@@ -315,13 +330,15 @@ impl<'a> Surfel<'a> {
         if profile.r > self.cutoff || profile.z < near {
             return None;
         }
-        let cosine = self.geometric_normal.dot(ray.direction).abs() / ray.direction.length();
+        // At the mean of what the filter sees there, which need not lie on the ray.
+        let depth = if self.parallel { 1.0 } else { profile.z };
+        let cosine = self.facing.abs() / (depth * ray.direction.length());
         let kept = -(-0.5 * self.cutoff).exp_m1();
         let weight = self.area * profile.integral * cosine / kept;
         let normal = self.geometric_normal;
         let on_plane = normal.dot(self.gaussian.center - ray.origin) / normal.dot(ray.direction);
         let plane_z = on_plane.max(profile.z - self.plane_reach).min(profile.z + self.plane_reach);
-        let back = normal.dot(ray.direction) > 0.0;
+        let back = self.facing > 0.0;
         let sample = Sample { z: profile.z, plane_z, sigma: profile.sigma, weight, back, ..self.prototype };
         (weight > 0.0).then_some(sample)
     }

@@ -36,7 +36,7 @@ impl HalfSpace {
 pub(super) struct View {
     focal: DVec2,
     center: DVec2,
-    parallel: bool,
+    pub(super) parallel: bool,
     /// Nothing nearer counts; at least 0 where rays meet in the eye.
     pub(super) near: f64,
 }

@@ -166,9 +166,12 @@ impl<'a> Specification<'a> {
                 30.0 * cutoff.sqrt() * self.lens.low_pass / self.lens.focal.min_element() * zeta.abs();
             let offset = depth - zeta * change / divisor - z;
             let offset = if offset.is_nan() { -limit } else { offset.clamp(-limit, limit) };
-            // The affine form leaves the change out of the coverage.
-            let peak =
-                if record.tag.form == Form::Exact { (facing + change).abs() * scale } else { facing.abs() };
+            // n·v where it is seen; the affine form leaves its change out.
+            let peak = if record.tag.form == Form::Exact {
+                (facing * depth / z).abs() * scale
+            } else {
+                facing.abs()
+            };
             let tolerance = f64::from(self.depth_tolerances[record.tag.cloud as usize]);
             samples.push(Sample {
                 z,
