@@ -125,7 +125,7 @@ pub(crate) fn assemble(
         [_] => vec![1.0],
         several => several.iter().map(|(mesh, moves)| mesh.wanted(&camera, moves)).collect(),
     };
-    let share = most / wanted.iter().sum::<f64>().max(1.0);
+    let for_each = most / wanted.iter().sum::<f64>().max(1.0);
     // Of the ids that are left each place takes as many as another.
     let taken: usize = standing.iter().map(|own| own.cloud.len().saturating_mul(own.moves.len())).sum();
     let ids = MOST_SPLATS.saturating_sub(taken)
@@ -134,7 +134,7 @@ pub(crate) fn assemble(
         let is_whole = mesh.is_whole(&moves);
         let StandingMesh { name, mesh, look, .. } = mesh;
         let _task = console.task(format!("surfels of {name}"));
-        let share = (wanted * share) as usize;
+        let share = (wanted * for_each) as usize;
         let kept = kept(&look);
         let clouds =
             surfels(&mesh, &look, (&camera, is_whole), share.min(ids)).with_context(|| name.clone())?;

@@ -12,7 +12,7 @@ const MOST_LEVELS: u32 = 24;
 /// Cells are that wide or narrower, by less than a half: those of a level are twice as wide as those of the one below, and nest.
 /// What blurs the pieces of surface in them follows the depth itself, without steps. So where levels meet surfels cover as evenly as
 /// elsewhere: between pieces that lack nothing, blurred by a σ that changes slowly, Σw is off by half the second derivative of σ²
-/// along the surface, which is the square of the blur's share of the depth.
+/// along the surface, at most the square of the blur's share of the depth.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Grading {
     slope: DVec3,
@@ -58,17 +58,14 @@ impl Grading {
 
     /// The parts of a convex polygon by their levels.
     pub(crate) fn parts(&self, mut polygon: Vec<DVec3>) -> impl Iterator<Item = (u32, Vec<DVec3>)> {
-        let ends = |polygon: &[DVec3]| {
-            let widths = polygon.iter().map(|p| self.unbounded(*p));
-            let (least, most) = widths.fold((f64::INFINITY, 1.0_f64), |(a, b), w| (a.min(w), b.max(w)));
-            [least, most].map(level)
-        };
-        let [first, last] = ends(&polygon);
+        let widths = polygon.iter().map(|p| self.unbounded(*p));
+        let (least, most) = widths.fold((f64::INFINITY, 1.0_f64), |(a, b), w| (a.min(w), b.max(w)));
+        let [first, last] = [least, most].map(level);
         (first..=last).map(move |number| {
             if number == last {
                 return (number, std::mem::take(&mut polygon));
             }
-            let end = f64::from(number + 1).exp2();
+            let end = side(number + 1);
             let part = clip(polygon.clone(), |p| end - self.unbounded(p));
             polygon = clip(std::mem::take(&mut polygon), |p| self.unbounded(p) - end);
             (number, part)

@@ -1,7 +1,7 @@
 //! What a mesh measures, and whether it can be sampled.
 
 use crate::error::SampleError;
-use crate::grading::{Grading, side};
+use crate::grading::side;
 use crate::mesh::{Mesh, Primitive, Texture};
 use crate::sight::Sight;
 use glam::{DVec3, Vec3};
@@ -10,7 +10,7 @@ use rayon::prelude::*;
 /// Triangles that one task measures.
 const TRIANGLES_PER_TASK: usize = 4096;
 
-/// What triangles of a mesh, or parts of them, measure in mesh space; but areas and lengths in cells of their [`Grading`]'s levels, of which
+/// What triangles of a mesh, or parts of them, measure in mesh space; but areas and lengths in cells of their [`Grading`](crate::grading::Grading)'s levels, of which
 /// those of the first level are as wide as a mesh unit.
 #[derive(Clone, Copy)]
 pub(crate) struct Extent {
@@ -29,11 +29,12 @@ pub(crate) struct Extent {
 impl Extent {
     /// Of what is seen, or of all, where cells are even; `None` where that is nothing. Triangles that name missing vertices don't count.
     pub(crate) fn of(mesh: &Mesh, sight: Option<&Sight>) -> Option<Self> {
-        let grading = sight.map_or(Grading::EVEN, |sight| sight.mean_grading);
         let of_part = |(level, part): (u32, Vec<DVec3>)| Self::of_polygon(&part, level);
         let of_triangle = |corners: [DVec3; 3]| match sight {
             None => Self::of_polygon(&corners, 0),
-            Some(sight) => grading.parts(sight.part(corners)).filter_map(of_part).reduce(Self::and),
+            Some(sight) => {
+                sight.mean_grading.parts(sight.part(corners)).filter_map(of_part).reduce(Self::and)
+            }
         };
         let of_some = |(part, some)| placed(part, some).filter_map(of_triangle).reduce(Self::and);
         // One after the other: sums are the same whoever made them.

@@ -62,9 +62,8 @@ pub struct Record {
     pub sigma_z: f32,
     /// dz/du at the centre, in world units a pixel.
     pub depth_slope: [f32; 2],
-    /// Of a surface sample the change of its coverage a pixel: n·v along the picture. The plane's tilt follows from it; the
-    /// affine form leaves it out of the coverage. Of a volume kernel the first and the last slab that it may touch,
-    /// where there are slabs.
+    /// Of a surface sample the change of its amplitude a pixel, as n·v changes along the picture: where its plane is follows from
+    /// it. Of a volume kernel the first and the last slab that it may touch, where there are slabs.
     pub amplitude_slope_or_slabs: [f32; 2],
     /// Shaded colour of a volume kernel; base colour of a surface sample. In the blend space.
     pub color: [f32; 3],
