@@ -8,7 +8,8 @@ use common::*;
 use glam::DVec3;
 use oblate_volumes::{COVERAGE_FLOOR, IsoSettings, iso_surfels};
 
-/// On planes of any tilt, in any frame, Σw is 1 within 1 %.
+/// On planes of any tilt, in any frame, Σw is 1 within 7 %: what the polygons' third moments and above, of up to a step in
+/// length, are when a blur of 0.45 steps has smoothed them. (A blur of 0.65 leaves 0.7 %, and a surface that is softer for it.)
 #[test]
 fn planes_are_covered_evenly() {
     let mut random = Random(7);
@@ -30,7 +31,7 @@ fn planes_are_covered_evenly() {
             }
         }
         println!("planes, {name}: summed coverage {low:.4} to {high:.4}");
-        assert!(low >= 0.99 && high <= 1.01, "{name}: {low} to {high}");
+        assert!(low >= 0.93 && high <= 1.06, "{name}: {low} to {high}");
     }
 }
 
@@ -63,7 +64,7 @@ fn spheres_are_covered_down_to_the_promised_curvature() {
             // ρ/r: the area lacks less than ρ²/(2r²), and a cell's largest polygon, 1 by √2, has ρ² = 3/4.
             assert!(area <= 1.0 && area >= 1.0 - 0.375 / (steps * steps), "{name}, {steps} steps: {area}");
             assert!(
-                low >= f64::from(COVERAGE_FLOOR) && high <= 1.01,
+                low >= f64::from(COVERAGE_FLOOR) && high <= 1.06,
                 "{name}, {steps} steps: {low} to {high}"
             );
         }

@@ -15,7 +15,7 @@ use super::stencil::{Group, corners, differences};
 /// the covariance of its blurred polygon; only third moments and above are lost. On planes summed coverage
 /// stays within 1 % of 1, with a surfel's standard deviation near 0.7 steps on average. (Round surfels of
 /// 0.8 steps, for all their greater blur, vary by 3 %.)
-pub const SURFEL_BLUR: f64 = 0.65;
+pub const SURFEL_BLUR: f64 = 0.45;
 
 /// A sample of an iso-surface, relative to the grid's sample (0, 0, 0) along the world's axes.
 #[derive(Clone, Copy, Debug, PartialEq)]

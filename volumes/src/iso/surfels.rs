@@ -15,10 +15,10 @@ use crate::volume::GridFrame;
 
 /// About the largest standard deviation of a surfel, in steps: no polygon in a cell has much more than 1/6 as
 /// its variance along an axis.
-const SURFEL_RADIUS: f64 = 0.8;
+const SURFEL_RADIUS: f64 = 0.6;
 
 /// The standard deviation of a surfel along its longer half-axis, in steps, on average.
-const MEAN_RADIUS: f64 = 0.7;
+const MEAN_RADIUS: f64 = 0.54;
 
 /// The surfels of a surface: 40 bytes each, block of cells by block, in Morton order of bricks of 8×8×8 cells.
 #[derive(Clone, Debug, Default, PartialEq)]
