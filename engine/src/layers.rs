@@ -53,6 +53,8 @@ pub(crate) struct LayerBuffers {
     /// A tile's records, and how many batches of them it has.
     batches: Vec<Surfels>,
     used: usize,
+    /// The colour of the first.
+    usual: [f32; 3],
     /// Of a block: the records of each batch that may be of use.
     rest: Vec<u64>,
     /// Those that the layer may have samples of.
@@ -68,19 +70,13 @@ struct List {
 }
 
 impl List {
-    /// Makes room for as many more.
-    fn reserve(&mut self, count: usize) {
+    /// Room for as many more.
+    #[inline(always)]
+    fn room(&mut self, count: usize) -> &mut [Listed] {
         if self.used + count > self.room.len() {
             self.room.resize(self.used + count, Listed::NONE);
         }
-    }
-
-    /// Adds one.
-    #[inline(always)]
-    fn next(&mut self) -> &mut Listed {
-        let next = &mut self.room[self.used];
-        self.used += 1;
-        next
+        &mut self.room[self.used..][..count]
     }
 
     #[inline(always)]
@@ -114,6 +110,8 @@ struct Search<S: Simd> {
     farthest: f32,
     /// The nearest of what was not looked at, since it begins behind those limits.
     skipped: f32,
+    /// Places in the list of first samples by which no limit has gone yet; [`u32::MAX`] where there are none.
+    firsts: u32x16<S>,
 }
 
 /// Turns a tile's surface records into cuts. Behind a transmittance of `spent` nothing is kept.
@@ -165,15 +163,18 @@ impl LayerBuilder<'_> {
     /// Brings the records of a tile together.
     #[inline(always)]
     fn fetch<S: Simd>(&self, simd: S, (tile, list): (Tile, &[AtomicU32]), buffers: &mut LayerBuffers) {
-        let LayerBuffers { batches, used, .. } = buffers;
+        let LayerBuffers { batches, used, usual, .. } = buffers;
         *used = list.len().div_ceil(BATCH);
         batches.resize_with((*used).max(batches.len()), || Surfels::NONE);
+        *usual = list
+            .first()
+            .map_or([0.0; 3], |entry| self.surfaces.records[entry.load(Ordering::Relaxed) as usize].color);
         for (list, batch) in list.chunks(BATCH).zip(batches) {
             let numbers = list.iter().map(
                 #[inline(always)]
                 |entry| entry.load(Ordering::Relaxed),
             );
-            batch.fill(simd, (tile, &self.lens), numbers, self.surfaces);
+            batch.fill(simd, (tile, *usual, &self.lens), numbers, self.surfaces);
         }
     }
 
@@ -188,7 +189,7 @@ impl LayerBuilder<'_> {
     ) -> u64 {
         let corner = tile.corner_pixel(block);
         let here = Here { corner, pixels: pixels(simd, corner) };
-        let LayerBuffers { batches, used, rest, listed } = buffers;
+        let LayerBuffers { batches, used, usual, rest, listed } = buffers;
         let batches = &batches[..*used];
         rest.clear();
         rest.extend(batches.iter().map(|surfels| surfels.masks.of(block)));
@@ -217,11 +218,13 @@ impl LayerBuilder<'_> {
                 #[inline(always)]
                 || self.find_first(simd, (batches, here), (rest, listed), &mut peel),
             );
-            let Some(any) = listed.all().first() else { break };
+            if listed.all().is_empty() {
+                break;
+            }
             if peel.takes_all {
                 peel.limit = peel.depth.simd_gt(-infinity).select(infinity, -infinity);
             }
-            let mut sums = Sums::zero(simd, any.of(batches).color);
+            let mut sums = Sums::zero(simd);
             evaluated += apart(
                 simd,
                 #[inline(always)]
@@ -231,7 +234,7 @@ impl LayerBuilder<'_> {
             let [found, goes_on] = apart(
                 simd,
                 #[inline(always)]
-                || self.close(simd, (&mut peel, &sums), &mut seen_through, cut),
+                || self.close(simd, (&mut peel, &sums, *usual), &mut seen_through, cut),
             );
             if found {
                 cuts.keep(simd, block);
@@ -262,6 +265,7 @@ impl LayerBuilder<'_> {
             done: is_open.select(peel.previous, infinity).reduce_min(),
             farthest: peel.limit.reduce_max(),
             skipped: f32::INFINITY,
+            firsts: u32x16::simd_from(simd, u32::MAX),
         };
         let mut evaluated = 0;
         // Again where a nearer first sample has a farther limit than those by which others were left out.
@@ -274,6 +278,7 @@ impl LayerBuilder<'_> {
                         self.look_through(simd, (batches, here, batch), (rest, listed), (&mut search, peel));
                 }
             }
+            self.limit(simd, (batches, here), (listed.all(), &mut search), peel);
             if search.skipped > search.farthest || search.skipped == f32::INFINITY {
                 break;
             }
@@ -307,13 +312,14 @@ impl LayerBuilder<'_> {
         } else {
             surfels.all_of(set, &mut nearest)
         };
-        listed.reserve(BATCH);
         rest[batch] &= !between.ahead;
         search.skipped = search.skipped.min(between.next);
         let mut evaluated = 0;
         let zero = W::simd_from(simd, 0.0);
         // What every record may change is kept in registers.
-        let (mut depth, mut firsts) = (peel.depth, u32x16::simd_from(simd, u32::MAX));
+        let (mut depth, mut firsts) = (peel.depth, search.firsts);
+        let (first, mut count) = (listed.used, 0);
+        let room = listed.room(BATCH);
         // Those of one form together: no processor foresees which form comes next.
         for mut set in surfels.by_form(between.within) {
             while set != 0 {
@@ -339,33 +345,37 @@ impl LayerBuilder<'_> {
                 let weight = inside.select(surfel.weight(simd, &sample, &self.lens), zero);
                 let nearer = inside & sample.depth.simd_lt(depth);
                 depth = nearer.select(sample.depth, depth);
-                firsts = nearer.select(u32x16::simd_from(simd, listed.used as u32), firsts);
-                let entry = listed.next();
+                firsts = nearer.select(u32x16::simd_from(simd, (first + count) as u32), firsts);
+                let entry = &mut room[count % BATCH];
+                count += 1;
                 entry.depth.store(sample.depth);
                 entry.weight.store(weight);
                 (entry.batch, entry.number) = (batch as u32, number as u32);
                 entry.nearest = nearest[number];
             }
         }
-        peel.depth = depth;
-        self.limit(simd, (batches, here), (listed.all(), firsts), peel);
-        if !peel.takes_all {
-            search.farthest = peel.limit.reduce_max();
+        listed.used += count;
+        (peel.depth, search.firsts) = (depth, firsts);
+        // While a pixel has found nothing there is no limit to what is looked at.
+        if !(search.is_open & depth.simd_eq(W::simd_from(simd, f32::INFINITY))).any_true() {
+            self.limit(simd, (batches, here), (listed.all(), search), peel);
         }
         evaluated
     }
 
-    /// Where the layer ends, by the places in the list of the pixels' first samples.
+    /// Where the layer ends, by the pixels' first samples since it was last asked.
     #[inline(always)]
     fn limit<S: Simd>(
         &self,
         simd: S,
         (batches, here): (&[Surfels], Here<S>),
-        (listed, firsts): (&[Listed], u32x16<S>),
+        (listed, search): (&[Listed], &mut Search<S>),
         peel: &mut Peel<S>,
     ) {
+        let no_place = u32x16::simd_from(simd, u32::MAX);
+        let firsts = std::mem::replace(&mut search.firsts, no_place);
         let places: [u32; PIXELS] = firsts.into();
-        let mut open = firsts.simd_ne(u32x16::simd_from(simd, u32::MAX)).to_bitmask();
+        let mut open = firsts.simd_ne(no_place).to_bitmask();
         while open != 0 {
             let place = places[open.trailing_zeros() as usize % PIXELS];
             let own = firsts.simd_eq(u32x16::simd_from(simd, place));
@@ -376,6 +386,9 @@ impl LayerBuilder<'_> {
             peel.limit = own.select(spans.farthest + surfel.tolerance, peel.limit);
             peel.record = own.select(u32x16::simd_from(simd, surfel.index), peel.record);
             peel.cloud = own.select(u32x16::simd_from(simd, surfel.cloud), peel.cloud);
+        }
+        if !peel.takes_all {
+            search.farthest = peel.limit.reduce_max();
         }
     }
 
@@ -431,14 +444,14 @@ impl LayerBuilder<'_> {
     fn close<S: Simd>(
         &self,
         simd: S,
-        (peel, sums): (&mut Peel<S>, &Sums<S>),
+        (peel, sums, usual): (&mut Peel<S>, &Sums<S>, [f32; 3]),
         seen_through: &mut SeenThrough<S>,
         cut: &mut Cut,
     ) -> [bool; 2] {
         let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
         let infinity = W::simd_from(simd, f32::INFINITY);
         let no_number = u32x16::simd_from(simd, Cut::NO_NUMBER);
-        let [front, back] = &sums.sides;
+        let (front, back) = (&sums.front, &sums.back);
         let weight = sums.weight();
         let found = peel.record.simd_ne(no_number);
         // Seen exactly edge-on a plane covers nothing, and hides nothing.
@@ -463,7 +476,7 @@ impl LayerBuilder<'_> {
         );
         cut.depth.store(found.select(sums.depth.mul_add(inverse, peel.depth), infinity));
         cut.alpha.store(found.select(alpha, zero));
-        for ((plane, sum), usual) in cut.color.iter_mut().zip(sums.color).zip(sums.usual) {
+        for ((plane, sum), usual) in cut.color.iter_mut().zip(sums.tint).zip(usual) {
             plane.store(sum.mul_add(inverse, W::simd_from(simd, usual)));
         }
         for (plane, normal) in cut.normal.iter_mut().zip(normal) {

@@ -194,11 +194,8 @@ impl Resolver<'_> {
                 |c| some.select(srgb_to_linear(simd, c * inverse) * all.opacity, c),
             );
         }
-        let channels: [[f32; PIXELS]; 4] = [color[0], color[1], color[2], all.opacity].each(
-            #[inline(always)]
-            |v| v.into(),
-        );
-        std::array::from_fn(|pixel| channels.map(|channel| channel[pixel]))
+        let [red, green, blue] = color;
+        by_pixel([red, green, blue, all.opacity])
     }
 
     /// All channels but the colour.
@@ -263,6 +260,20 @@ impl Rest {
             *normal = self.normals.map(|axis| axis[pixel]);
         }
     }
+}
+
+/// Four channels of a block, pixel by pixel.
+#[inline(always)]
+fn by_pixel<S: Simd>([red, green, blue, alpha]: [W<S>; 4]) -> [[f32; 4]; PIXELS] {
+    let ((rb, rb_high), (ga, ga_high)) = (red.interleave(blue), green.interleave(alpha));
+    let ((a, b), (c, d)) = (rb.interleave(ga), rb_high.interleave(ga_high));
+    let mut pixels = [[0.0; 4]; PIXELS];
+    let quarters = pixels.as_flattened_mut().as_chunks_mut().0;
+    for (quarter, channels) in quarters.iter_mut().zip([a, b, c, d]) {
+        let quarter: &mut [f32; PIXELS] = quarter;
+        channels.store_slice(quarter);
+    }
+    pixels
 }
 
 /// What a block sees of a segment; nothing without runs.

@@ -31,7 +31,7 @@ fn planes_are_covered_evenly() {
             }
         }
         println!("planes, {name}: summed coverage {low:.4} to {high:.4}");
-        assert!(low >= 0.93 && high <= 1.06, "{name}: {low} to {high}");
+        assert!(low >= 0.93 && high <= 1.07, "{name}: {low} to {high}");
     }
 }
 
@@ -64,7 +64,7 @@ fn spheres_are_covered_down_to_the_promised_curvature() {
             // ρ/r: the area lacks less than ρ²/(2r²), and a cell's largest polygon, 1 by √2, has ρ² = 3/4.
             assert!(area <= 1.0 && area >= 1.0 - 0.375 / (steps * steps), "{name}, {steps} steps: {area}");
             assert!(
-                low >= f64::from(COVERAGE_FLOOR) && high <= 1.06,
+                low >= f64::from(COVERAGE_FLOOR) && high <= 1.07,
                 "{name}, {steps} steps: {low} to {high}"
             );
         }

@@ -162,7 +162,8 @@ fn planes_are_covered() {
     let even = |index: DVec3| index * DVec3::new(1.0, 0.5, 2.0);
     let grown = |index: DVec3| DVec3::from([index.x, index.y, index.z].map(|i| 10.0 * 1.1_f64.powf(i)));
     for (name, map, least, most) in [
-        ("even", &even as &dyn Fn(DVec3) -> DVec3, 0.98, 1.02),
+        // As regular grids, which vary by 7 %.
+        ("even", &even as &dyn Fn(DVec3) -> DVec3, 0.93, 1.07),
         // Long cells have one part less than the next ones.
         ("×1.1", &grown, 0.9, 1.15),
         ("jumps ×2", &jumps, f64::from(IRREGULAR_COVERAGE_FLOOR), 1.4),

@@ -35,7 +35,11 @@ impl View {
         let right = forward.cross(DVec3::Z).normalize();
         let distance = 4.0 * middle.length();
         let half = 0.5 * SIDE as f64 / pixels / distance;
-        Self { eye: middle - forward * distance, axes: DMat3::from_cols(right, forward.cross(right), forward), half }
+        Self {
+            eye: middle - forward * distance,
+            axes: DMat3::from_cols(right, forward.cross(right), forward),
+            half,
+        }
     }
 
     fn camera(&self) -> Camera {
@@ -57,11 +61,11 @@ impl View {
         let mut t = 0.25 * reach;
         let mut was_outside = value(at(t)).is_some_and(|v| v < iso);
         while t < 2.0 * reach {
-            let next = t + 0.125;
+            let next = t + 0.25;
             let inside = value(at(next)).is_some_and(|v| v >= iso);
             if inside && was_outside {
                 let (mut low, mut high) = (t, next);
-                for _ in 0..30 {
+                for _ in 0..24 {
                     let middle = 0.5 * (low + high);
                     if value(at(middle))? < iso { low = middle } else { high = middle }
                 }
@@ -107,35 +111,48 @@ impl View {
     }
 }
 
+/// Root mean square of the differences of a picture of a volume's iso-surfels from the surface's own, in levels of 255, over the
+/// pixels that show anything in either, and their median.
+fn differences(name: &str, (volume, iso): (&Volume, f64), pixels: f64) -> [f64; 2] {
+    let settings = IsoSettings { color: [1.0; 3], ..IsoSettings::default() };
+    let clouds = vec![iso_surfels(volume, iso as f32, &settings).unwrap()];
+    let view = View::new(volume, DVec3::new(0.7, -0.9, 0.55), pixels);
+    let truth = view.picture(volume, iso);
+    let settings = RenderSettings { background: [0.0, 0.0, 0.0, 1.0], ..RenderSettings::default() };
+    let frame = render(&Scene { clouds, lights: Vec::new() }, &view.camera(), &settings, &()).unwrap();
+    let levels = |light: f64| 255.0 * f64::from(linear_to_srgb(light as f32));
+    let pairs = frame.color.iter().map(|color| f64::from(color[0])).zip(truth);
+    let shown = pairs.filter(|pair| *pair != (0.0, 0.0));
+    let mut all: Vec<f64> = shown.map(|(found, truth)| (levels(found) - levels(truth)).abs()).collect();
+    all.sort_by(f64::total_cmp);
+    let root_mean_square = (all.iter().map(|d| d * d).sum::<f64>() / all.len() as f64).sqrt();
+    let [median, most] = [0.5, 0.99].map(|share| all[((all.len() - 1) as f64 * share) as usize]);
+    println!(
+        "{name}, {pixels} pixels a step: root mean square {root_mean_square:.2} of 255, median {median:.2}, 99 % within {most:.2}"
+    );
+    assert!(all.len() > 1000, "{name}: {} pixels show anything", all.len());
+    [root_mean_square, median]
+}
+
+/// Most of what differs are silhouettes, which surfels cover with a soft edge. What is allowed is a tenth more than it is; with a
+/// blur of 0.65 steps the root mean squares are 5.2, 8.1, 5.2 and 3.1, the medians 0.3, 0.3, 0.3 and 0.5.
 #[test]
 fn pictures_are_those_of_the_surface() {
-    let genus3 = sampled([64; 3], GridFrame::default(), |p| {
+    let ring = sampled([64; 3], GridFrame::default(), |p| {
         let [x, y, z] = ((p - 31.5) / 24.0).to_array();
-        let f = (x * x + y * y - 0.4).powi(2) + z * z * 0.7 + (x * y).powi(2) * 1.5;
-        100.0 * (0.12 - f)
+        0.12 - ((x * x + y * y - 0.4).powi(2) + z * z * 0.7 + (x * y).powi(2) * 1.5)
     });
-    for (name, volume, iso) in [("genus 3", Some(genus3), 0.0), ("engine", real_engine(), 100.0)] {
+    let engine = real_engine();
+    for (name, volume, iso, bounds) in [
+        ("ring", Some(&ring), 0.0, [[4.2, 0.25], [5.4, 0.25]]),
+        ("engine", engine.as_ref(), 100.0, [[4.95, 0.27], [2.5, 0.36]]),
+    ] {
         let Some(volume) = volume else { continue };
-        let cloud = iso_surfels(&volume, iso as f32, &IsoSettings { color: [1.0; 3], ..IsoSettings::default() }).unwrap();
-        let scene = Scene { clouds: vec![cloud], lights: Vec::new() };
-        for pixels in [0.5, 1.0, 2.5, 6.0] {
-            let view = View::new(&volume, DVec3::new(0.7, -0.9, 0.55), pixels);
-            let truth = view.picture(&volume, iso);
-            let settings = RenderSettings { background: [0.0, 0.0, 0.0, 1.0], ..RenderSettings::default() };
-            let frame = render(&scene, &view.camera(), &settings, &()).unwrap();
-            let mut errors: Vec<f64> = frame
-                .color
-                .iter()
-                .zip(&truth)
-                .filter(|(color, truth)| color[0] > 0.0 || **truth > 0.0)
-                .map(|(color, truth)| 255.0 * f64::from(linear_to_srgb(color[0]) - linear_to_srgb(*truth as f32)).abs())
-                .collect();
-            errors.sort_by(f64::total_cmp);
-            let at = |share: f64| errors[((errors.len() - 1) as f64 * share) as usize];
-            let root_mean_square = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
-            println!(
-                "{name}, {pixels} pixels a step: {} pixels, levels of 255: root mean square {root_mean_square:.2}, median {:.2}, 90 % {:.2}, 99 % {:.2}",
-                errors.len(), at(0.5), at(0.9), at(0.99)
+        for (pixels, bound) in [1.0, 2.5].into_iter().zip(bounds) {
+            let found = differences(name, (volume, iso), pixels);
+            assert!(
+                found[0] <= bound[0] && found[1] <= bound[1],
+                "{name}, {pixels} pixels a step: {found:?}, {bound:?}"
             );
         }
     }

@@ -8,10 +8,10 @@ use crate::simd::*;
 pub(super) struct Sums<S: Simd> {
     /// Of the splats that show their front, and of those that show their back. The two sides of a thin sheet would
     /// cancel, so their normals are never added.
-    pub(super) sides: [Side<S>; 2],
-    /// Of how far colours are from the one that surfaces most often have all over.
-    pub(super) color: [W<S>; 3],
-    pub(super) usual: [f32; 3],
+    pub(super) front: Side<S>,
+    pub(super) back: Side<S>,
+    /// Of how far colours are from the tile's usual one, which surfaces most often have all over.
+    pub(super) tint: [W<S>; 3],
     /// Of depths behind the first sample's.
     pub(super) depth: W<S>,
     /// Of 1 − opacity.
@@ -26,47 +26,46 @@ pub(super) struct Side<S: Simd> {
 
 impl<S: Simd> Sums<S> {
     #[inline(always)]
-    pub(super) fn zero(simd: S, usual: [f32; 3]) -> Self {
+    pub(super) fn zero(simd: S) -> Self {
         let zero = W::simd_from(simd, 0.0);
-        Self {
-            sides: [Side { weight: zero, normal: [zero; 3] }; 2],
-            color: [zero; 3],
-            usual,
-            depth: zero,
-            clear: zero,
-        }
+        let side = Side { weight: zero, normal: [zero; 3] };
+        Self { front: side, back: side, tint: [zero; 3], depth: zero, clear: zero }
     }
 
     #[inline(always)]
     pub(super) fn weight(&self) -> W<S> {
-        self.sides[0].weight + self.sides[1].weight
+        self.front.weight + self.back.weight
     }
 
     /// Adds samples of a surfel, by their weights and how far they are behind the first ones.
     #[inline(always)]
     pub(super) fn add(&mut self, simd: S, surfel: &Surfel, [weight, behind]: [W<S>; 2]) {
-        let Surfel { normal, color, opacity, .. } = *surfel;
         self.depth = behind.mul_add(weight, self.depth);
-        if opacity < 1.0 {
-            self.clear = weight.mul_add(W::simd_from(simd, 1.0 - opacity), self.clear);
+        if surfel.clear > 0.0 {
+            self.clear = weight.mul_add(W::simd_from(simd, surfel.clear), self.clear);
         }
-        if color != self.usual {
-            self.color = [0, 1, 2].each(
+        if surfel.is_tinted {
+            self.tint = [0, 1, 2].each(
                 #[inline(always)]
-                |i| weight.mul_add(W::simd_from(simd, color[i] - self.usual[i]), self.color[i]),
+                |i| weight.mul_add(W::simd_from(simd, surfel.tint[i]), self.tint[i]),
             );
         }
-        self.sides[usize::from(surfel.faces_away())].add(simd, normal, weight);
+        // An index would keep both sides in memory.
+        if surfel.faces_away {
+            self.back.add(simd, surfel, weight);
+        } else {
+            self.front.add(simd, surfel, weight);
+        }
     }
 }
 
 impl<S: Simd> Side<S> {
     #[inline(always)]
-    fn add(&mut self, simd: S, normal: [f32; 3], weight: W<S>) {
+    fn add(&mut self, simd: S, surfel: &Surfel, weight: W<S>) {
         self.weight += weight;
         self.normal = [0, 1, 2].each(
             #[inline(always)]
-            |axis| weight.mul_add(W::simd_from(simd, normal[axis]), self.normal[axis]),
+            |axis| weight.mul_add(W::simd_from(simd, surfel.normal[axis]), self.normal[axis]),
         );
     }
 }

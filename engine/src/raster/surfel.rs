@@ -77,10 +77,15 @@ pub(crate) struct Surfel {
     pub(crate) tolerance: f32,
     pub(crate) index: u32,
     pub(crate) cloud: u32,
-    pub(crate) color: [f32; 3],
-    pub(crate) normal: [f32; 3],
-    pub(crate) opacity: f32,
+    /// How far its colour is from the tile's usual one, and whether it is.
+    pub(crate) tint: [f32; 3],
+    pub(crate) is_tinted: bool,
+    /// Whether its back is seen: that of a plane is the same wherever it is before the eye.
+    pub(crate) faces_away: bool,
     is_exact: bool,
+    pub(crate) normal: [f32; 3],
+    /// 1 − opacity.
+    pub(crate) clear: f32,
 }
 
 /// A surface at pixels, seen by one splat.
@@ -116,15 +121,22 @@ impl Surfel {
         tolerance: 0.0,
         index: 0,
         cloud: 0,
-        color: [0.0; 3],
-        normal: [0.0; 3],
-        opacity: 1.0,
+        tint: [0.0; 3],
+        is_tinted: false,
+        faces_away: false,
         is_exact: false,
+        normal: [0.0; 3],
+        clear: 0.0,
     };
 
-    /// A record, its sample, its number among all, and its cloud's depth tolerance.
+    /// A record, its sample, its number among all, and its cloud's depth tolerance, in a tile with a usual colour.
     #[inline(always)]
-    fn new(tile: Tile, record: &Record, sample: &SurfaceSample, (index, tolerance): (u32, f32)) -> Self {
+    fn new(
+        (tile, usual): (Tile, [f32; 3]),
+        record: &Record,
+        sample: &SurfaceSample,
+        (index, tolerance): (u32, f32),
+    ) -> Self {
         let per_facing = 1.0 / record.amplitude;
         let per_facing = if per_facing.is_finite() { per_facing } else { 0.0 };
         Self {
@@ -148,22 +160,21 @@ impl Surfel {
             tolerance,
             index,
             cloud: record.tag.cloud.into(),
-            color: record.color,
-            normal: sample.normal,
-            opacity: sample.opacity,
+            tint: [0, 1, 2].each(
+                #[inline(always)]
+                |i| record.color[i] - usual[i],
+            ),
+            is_tinted: record.color != usual,
+            faces_away: record.amplitude * record.depth > 0.0,
             is_exact: record.tag.form == Form::Exact,
+            normal: sample.normal,
+            clear: 1.0 - sample.opacity,
         }
     }
 
     #[inline(always)]
     fn offsets<S: Simd>(&self, simd: S, pixels: [W<S>; 2]) -> Offsets<S> {
         Offsets::new(simd, pixels, (self.mean, self.root))
-    }
-
-    /// Whether its back is seen: that of a plane is the same wherever it is before the eye.
-    #[inline(always)]
-    pub(crate) fn faces_away(&self) -> bool {
-        self.facing * self.plane.depth > 0.0
     }
 
     /// What pixels see of it.

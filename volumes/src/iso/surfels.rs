@@ -14,7 +14,7 @@ use super::{COVERAGE_FLOOR, IRREGULAR_COVERAGE_FLOOR, IsoError, IsoSettings};
 use crate::volume::GridFrame;
 
 /// About the largest standard deviation of a surfel, in steps: no polygon in a cell has much more than 1/6 as
-/// its variance along an axis.
+/// its variance along an axis, to which the blur adds 1/5.
 const SURFEL_RADIUS: f64 = 0.6;
 
 /// The standard deviation of a surfel along its longer half-axis, in steps, on average.

@@ -43,12 +43,12 @@ impl Surfels {
         masks: BlockMasks::NONE,
     };
 
-    /// Takes in up to [`BATCH`] records of a tile, by their numbers, with their clouds' depth tolerances.
+    /// Takes in up to [`BATCH`] records of a tile with a usual colour, by their numbers, with their clouds' depth tolerances.
     #[inline(always)]
     pub(crate) fn fill<S: Simd>(
         &mut self,
         simd: S,
-        (tile, lens): (Tile, &SurfelLens),
+        (tile, usual, lens): (Tile, [f32; 3], &SurfelLens),
         numbers: impl Iterator<Item = u32> + Clone,
         surfaces: Surfaces,
     ) {
@@ -66,7 +66,7 @@ impl Surfels {
             let record = &surfaces.records[index as usize];
             let tolerance = surfaces.depth_tolerances[record.tag.cloud as usize];
             self.outlines.set(number, record);
-            let surfel = Surfel::new(tile, record, sample, (index, tolerance));
+            let surfel = Surfel::new((tile, usual), record, sample, (index, tolerance));
             for (column, tilt) in self.tilt.iter_mut().zip(surfel.tilt) {
                 column[number] = tilt;
             }
@@ -122,10 +122,15 @@ impl Surfels {
     /// Those of a set that are in sixteens whose spans may begin before a depth; says how near the others come.
     #[inline(always)]
     pub(crate) fn begin_before(&self, mut set: u64, depth: f32, nearest_of_others: &mut f32) -> u64 {
+        if depth == f32::INFINITY {
+            return set;
+        }
         for (sixteen, nearest) in self.nearest.iter().enumerate() {
             let own = 0xffff << (16 * sixteen);
             if *nearest > depth && set & own != 0 {
-                *nearest_of_others = nearest_of_others.min(*nearest);
+                if *nearest < *nearest_of_others {
+                    *nearest_of_others = *nearest;
+                }
                 set &= !own;
             }
         }
@@ -287,7 +292,7 @@ mod tests {
             for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
                 let [depth, nearest, reach]: [[f32; 16]; 3] = dispatch!(level, simd => {
                     let mut surfels = Surfels::NONE;
-                    surfels.fill(simd, (tile, &lens), [0].into_iter(), surfaces);
+                    surfels.fill(simd, (tile, [0.0; 3], &lens), [0].into_iter(), surfaces);
                     let surfel = surfels.get(0);
                     let pixels = crate::tile::pixels(simd, [0.0; 2]);
                     let sample = surfel.sample(simd, pixels, &lens);
