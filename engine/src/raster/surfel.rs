@@ -10,8 +10,9 @@ use crate::tile::Tile;
 
 pub(crate) use batch::Surfels;
 
-/// The steepest slope dz/dx that a surfel's plane is followed along: 88°.
-pub(crate) const STEEPEST: f32 = 30.0;
+/// The steepest slope dz/dx that a surfel's plane is followed along: 86°. Steeper ones are followed as far, lest one seen edge-on before two
+/// sheets makes one layer of both.
+pub(crate) const STEEPEST: f32 = 15.0;
 
 /// Spans begin as many σ_z before where a surfel is seen, or where its plane is.
 pub(crate) const SURFEL_REACH: f64 = 3.0;

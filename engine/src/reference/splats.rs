@@ -19,8 +19,9 @@ const FAR_CUT: f64 = REACH * REACH;
 /// α of 1 is an infinite optical depth; the most that is drawn is this.
 const MOST_OPAQUE: f64 = 1.0 - 1e-9;
 
-/// The steepest slope dz/dx that a surfel's plane is followed along: 88°.
-const STEEPEST: f64 = 30.0;
+/// The steepest slope dz/dx that a surfel's plane is followed along: 86°. Steeper ones are followed as far, lest one seen edge-on before two
+/// sheets makes one layer of both.
+const STEEPEST: f64 = 15.0;
 
 /// How even the filter makes coverage at most, as the floor says it.
 const EVENLY_COVERED: f64 = 0.96;
