@@ -53,7 +53,7 @@ pub(crate) struct LayerBuffers {
     /// A tile's records, and how many batches of them it has.
     batches: Vec<Surfels>,
     used: usize,
-    /// The colour of the first.
+    /// The colour of the first, black where that is beyond white.
     usual: [f32; 3],
     /// Of a block: the records of each batch that may be of use.
     rest: Vec<u64>,
@@ -166,9 +166,10 @@ impl LayerBuilder<'_> {
         let LayerBuffers { batches, used, usual, .. } = buffers;
         *used = list.len().div_ceil(BATCH);
         batches.resize_with((*used).max(batches.len()), || Surfels::NONE);
-        *usual = list
-            .first()
-            .map_or([0.0; 3], |entry| self.surfaces.records[entry.load(Ordering::Relaxed) as usize].color);
+        let color = |entry: &AtomicU32| self.surfaces.records[entry.load(Ordering::Relaxed) as usize].color;
+        // Differences from what is too bright would have few digits left.
+        let is_within = |color: &[f32; 3]| color.iter().all(|c| (0.0..=1.0).contains(c));
+        *usual = list.first().map(color).filter(is_within).unwrap_or([0.0; 3]);
         for (list, batch) in list.chunks(BATCH).zip(batches) {
             let numbers = list.iter().map(
                 #[inline(always)]

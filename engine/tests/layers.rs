@@ -4,7 +4,7 @@
 
 mod scenes;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use oblate_engine::{Camera, Cloud, Frame, Pose, ReferenceKind, RenderSettings, Scene, Strength, reference};
 use scenes::*;
 
@@ -91,4 +91,27 @@ fn beyond_64_layers_the_last_takes_the_rest() {
     // The last one counts as as many sheets as it covers the pixel times, 4 times 1/0.98: 0.02 · 0.08 · 0.98⁶⁷ more.
     let alpha = f64::from(frame.color[27][3]);
     assert!((alpha - (1.0 - 0.98f64.powi(67))).abs() < 1e-3, "{alpha}");
+}
+
+/// A surfel like a sun in the corner of a picture takes no digits from a dim sheet in the rest of the tile, however they are listed.
+#[test]
+fn a_bright_surfel_leaves_the_rest_of_its_tile_as_it_is() {
+    let sheet = plane(50, 0.05, [0.25, 0.1, 0.01]);
+    let sun = surfels(&[(Vec3::new(-0.8, -0.8, -3.0), Vec3::NEG_Z)], 1e-4, [1e9; 3], false);
+    let pose = Pose::look_at(DVec3::Z * -5.0, DVec3::ZERO, DVec3::Y).unwrap();
+    let camera = Camera::orthographic(pose, 2.0, [8; 2]).unwrap();
+    let alone = draw(vec![sheet.clone()], &camera, &unshaded());
+    for clouds in [vec![sheet.clone(), sun.clone()], vec![sun, sheet]] {
+        let frame = draw(clouds, &camera, &unshaded());
+        let corner = |[left, top]: [usize; 2]| {
+            let pixels = (0..9).map(move |i| (top + i / 3) * 8 + left + i % 3);
+            pixels
+                .flat_map(|i| (0..4).map(move |c| [i, c]))
+                .map(|[i, c]| (frame.color[i][c] - alone.color[i][c]).abs())
+        };
+        let error = |place| corner(place).fold(0.0, f32::max);
+        // It shines in one corner of the picture, which is one tile. Sums in another order round otherwise.
+        let dim = [[0, 0], [5, 0], [0, 5], [5, 5]].into_iter().filter(|place| error(*place) < 1e-5).count();
+        assert_eq!(dim, 3);
+    }
 }
