@@ -1,7 +1,11 @@
 //! Cuts: the surface layers of a tile's pixels, as the compositor and the resolver see them.
 
+mod kept;
+
 use crate::simd::*;
 use crate::tile::{MAX_BLOCKS, PIXELS, Plane, Tile};
+
+pub(crate) use kept::KeptCuts;
 
 /// The most layers of a pixel; the last takes whatever is left. Meshes end at eight, along their silhouettes: this is
 /// for clouds of points so far away that hundreds of them share a pixel, each at a depth of its own.
@@ -69,57 +73,65 @@ impl BlockCuts {
     };
 }
 
-/// The cuts of a tile's pixels, near to far.
-pub(crate) struct Cuts {
-    /// Block by block, and what earlier tiles had.
-    cuts: Vec<Cut>,
-    used: usize,
+/// What the cuts of a tile mean for a volume.
+#[derive(Clone, Copy)]
+struct TileCuts {
     blocks: [BlockCuts; MAX_BLOCKS],
     hidden: f32,
     segments: usize,
 }
 
+impl TileCuts {
+    const OPEN: Self = Self { blocks: [BlockCuts::OPEN; MAX_BLOCKS], hidden: f32::INFINITY, segments: 1 };
+}
+
+/// The cuts of a tile's pixels, near to far.
+pub(crate) struct Cuts {
+    /// Block by block, and what earlier tiles had.
+    cuts: Vec<Cut>,
+    used: usize,
+    sums: TileCuts,
+}
+
 impl Cuts {
     pub(crate) fn new() -> Self {
         let cuts = Vec::with_capacity(USUAL_LAYERS * MAX_BLOCKS);
-        Self { cuts, used: 0, blocks: [BlockCuts::OPEN; MAX_BLOCKS], hidden: f32::INFINITY, segments: 1 }
+        Self { cuts, used: 0, sums: TileCuts::OPEN }
     }
 
     pub(crate) fn clear(&mut self) {
-        self.used = 0;
-        self.blocks = [BlockCuts::OPEN; MAX_BLOCKS];
-        (self.hidden, self.segments) = (f32::INFINITY, 1);
+        (self.used, self.sums) = (0, TileCuts::OPEN);
     }
 
     /// Segments of the pixel that has most that anything is seen of.
     pub(crate) fn segments(&self) -> usize {
-        self.segments
+        self.sums.segments
     }
 
     /// The cuts of a block, layer by layer; where a pixel has none its depth is ∞ and α is 0.
     pub(crate) fn layers(&self, block: usize) -> impl Iterator<Item = &Cut> {
-        let BlockCuts { first, layers, .. } = self.blocks[block];
+        let BlockCuts { first, layers, .. } = self.sums.blocks[block];
         self.cuts[first..first + layers].iter()
     }
 
     /// The depths at which a segment of a block ends.
     pub(crate) fn depth(&self, segment: usize, block: usize) -> &Plane {
-        let BlockCuts { first, layers, .. } = self.blocks[block];
+        let BlockCuts { first, layers, .. } = self.sums.blocks[block];
         if segment < layers { &self.cuts[first + segment].depth } else { &Cut::NONE.depth }
     }
 
     pub(crate) fn block(&self, block: usize) -> BlockCuts {
-        self.blocks[block]
+        self.sums.blocks[block]
     }
 
     /// Behind this depth nothing is seen in the tile.
     pub(crate) fn hidden(&self) -> f32 {
-        self.hidden
+        self.sums.hidden
     }
 
     /// Says where the last layer of a block ends that anything is seen of; ∞ where there is none such.
     pub(crate) fn end(&mut self, block: usize, depth: f32) {
-        self.blocks[block].ends = depth;
+        self.sums.blocks[block].ends = depth;
     }
 
     /// Where the next layer goes, with whatever was there before.
@@ -133,7 +145,7 @@ impl Cuts {
     /// Keeps what was put there as a layer behind those that a block has. Blocks come one after the other.
     #[inline(always)]
     pub(crate) fn keep<S: Simd>(&mut self, simd: S, block: usize) {
-        let own = &mut self.blocks[block];
+        let own = &mut self.sums.blocks[block];
         if own.layers == 0 {
             own.first = self.used;
         } else if let [before, cut] = &mut self.cuts[self.used - 1..=self.used] {
@@ -147,10 +159,10 @@ impl Cuts {
     /// Looks at the finished cuts of all blocks. Behind a transmittance of `spent` nothing is seen.
     #[inline(always)]
     pub(crate) fn sum_up<S: Simd>(&mut self, simd: S, tile: Tile, spent: f32) {
-        self.hidden = f32::NEG_INFINITY;
+        self.sums.hidden = f32::NEG_INFINITY;
         let infinity = W::simd_from(simd, f32::INFINITY);
         for block in tile.visible_blocks() {
-            let mut sum = self.blocks[block];
+            let mut sum = self.sums.blocks[block];
             // What lies beside the picture hides everything.
             let mut hidden = tile.inside(simd, block).select(infinity, -infinity);
             let mut through = W::simd_from(simd, 1.0);
@@ -166,9 +178,9 @@ impl Cuts {
                 hidden = ends.select(depth, hidden);
             }
             sum.hidden = hidden.reduce_max();
-            self.blocks[block] = sum;
-            self.hidden = self.hidden.max(sum.hidden);
-            self.segments = self.segments.max(sum.segments);
+            self.sums.blocks[block] = sum;
+            self.sums.hidden = self.sums.hidden.max(sum.hidden);
+            self.sums.segments = self.sums.segments.max(sum.segments);
         }
     }
 }

@@ -1,5 +1,6 @@
-//! The main path: cull ► footprint ► order ► bin ► (raster ► layers ► composite ► resolve) for each tile; again for what was
-//! wrongly left out as hidden (`occlusion`), most often not at all. Volumes that are wide in the picture are drawn at every second
+//! The main path: cull ► footprint ► order ► bin ► (raster ► layers ► composite ► resolve) for each tile, first of surfaces and then of
+//! volumes, of which nothing is listed that lies behind opaque surfaces; again for what was wrongly left out as hidden (`occlusion`),
+//! most often not at all. Volumes that are wide in the picture are drawn at every second
 //! pixel first (`lattice`).
 
 mod tiles;
@@ -9,6 +10,7 @@ use crate::camera::Camera;
 use crate::closing::Closing;
 use crate::composite::{Compositor, lead};
 use crate::cull::{VisibleRange, find_affordable, touched_pixels};
+use crate::cuts::KeptCuts;
 use crate::footprint::{Lens, Records, SceneView};
 use crate::frame::{Channels, Frame, FrameRows};
 use crate::grow::grow;
@@ -59,11 +61,13 @@ pub struct Renderer {
     depth_tolerances: Vec<f32>,
     surfaces: Drawn,
     volumes: Drawn,
+    cuts: KeptCuts,
     lattice: Lattice,
     scratch: Vec<AtomicU64>,
     sorter: Sorter,
     threads: Vec<Mutex<TileBuffers>>,
-    /// Of each tile, and then of each of the lattice's: pixels that were evaluated, and those where kernels came late.
+    /// Of each tile's surfaces, of its volumes, and of each of the lattice's: pixels that were evaluated, and those where kernels came
+    /// late.
     counts: Vec<[AtomicU64; 2]>,
     frame: Frame,
 }
@@ -109,6 +113,7 @@ impl Renderer {
             depth_tolerances: Vec::new(),
             surfaces: Drawn::default(),
             volumes: Drawn::default(),
+            cuts: KeptCuts::default(),
             lattice: Lattice::default(),
             scratch: Vec::new(),
             sorter: Sorter::default(),
@@ -138,29 +143,14 @@ impl Renderer {
             self.tile_side = self.choose_tile_side(camera);
         }
         let closing = Closing::new(scene, camera, settings, &self.visible[1])?;
-        let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
-        let (occlusion, side) = (&mut self.occlusion, self.tile_side);
-        watched(observer, Stage::Cull, || occlusion.begin(visible, side));
-        self.lattice.begin((scene, camera, settings), &self.visible, side);
+        self.lattice.begin((scene, camera, settings), &self.visible, self.tile_side);
         self.prepare(scene, camera, settings);
-        loop {
-            watched(observer, Stage::Footprint, || self.project(scene, camera, (settings, closing)));
-            let size = (camera.size(), self.tile_side);
-            if self.occlusion.is_new(0) {
-                self.surfaces.list_by_cluster(observer, size, &mut self.scratch);
-            }
-            if self.occlusion.is_new(1) {
-                let is_last = !self.occlusion.leaves_out(1);
-                let buffers = (&mut self.sorter, &mut self.scratch);
-                let size = (size.0, self.lattice.listed_side(side));
-                self.volumes.list_by_distance((observer, closing, is_last), size, buffers);
-            }
-            self.draw(camera, (settings, closing), observer);
-            let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
-            let occlusion = &mut self.occlusion;
-            if !watched(observer, Stage::Cull, || occlusion.find_missing(visible)) {
-                break;
-            }
+        let kinds = [0, 1].map(|kind| !self.visible[kind].is_empty());
+        if kinds[0] {
+            self.draw_kind(0, (scene, camera), (settings, closing), observer);
+        }
+        if kinds[1] || !kinds[0] {
+            self.draw_kind(1, (scene, camera), (settings, closing), observer);
         }
         let sum = |i: usize| self.counts.iter().map(|counts| counts[i].load(Relaxed)).sum();
         let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
@@ -169,7 +159,7 @@ impl Renderer {
         observer.counts(Counts {
             splats: splats as u64,
             culled,
-            occluded: self.occlusion.count(visible),
+            occluded: self.occlusion.count(visible) + self.volumes.records.behind_cuts(),
             visible: (self.surfaces.records.len() + self.volumes.records.len()) as u64,
             merged: drawn.map(|(drawn, ranges)| drawn.merged(ranges)).sum(),
             forms: std::array::from_fn(|form| surfaces[form] + volumes[form]),
@@ -212,29 +202,75 @@ impl Renderer {
         self.volumes.clear();
         self.frame.resize(camera.size().map(|length| length as usize), settings.channels);
         self.counts.clear();
-        let tiles = self.occlusion.changed().len() + self.lattice.tiles();
-        self.counts.resize_with(tiles, Default::default);
+        self.occlusion.begin(camera.size(), self.tile_side);
+        let tiles = self.tiles(camera).iter().product();
+        self.cuts.clear(if self.visible.iter().any(Vec::is_empty) { 0 } else { tiles });
+        self.counts.clear();
+        self.counts.resize_with(2 * tiles + self.lattice.tiles(), Default::default);
     }
 
-    /// Projects what is new in a round.
-    fn project(&mut self, scene: &Scene, camera: &Camera, (settings, closing): (&RenderSettings, Closing)) {
-        let view = SceneView { scene, camera, settings, shaders: &self.shaders, closing, level: self.level };
-        for (kind, drawn) in [&mut self.surfaces, &mut self.volumes].into_iter().enumerate() {
-            drawn.append(&view, &self.visible[kind], self.occlusion.next(kind));
+    /// Columns and rows of tiles.
+    fn tiles(&self, camera: &Camera) -> [usize; 2] {
+        camera.size().map(|length| (length as usize).div_ceil(self.tile_side))
+    }
+
+    /// Draws surfaces, whose cuts are kept where there are volumes, or volumes; again where something of the kind was wrongly left out.
+    fn draw_kind(
+        &mut self,
+        kind: usize,
+        (scene, camera): (&Scene, &Camera),
+        (settings, closing): (&RenderSettings, Closing),
+        observer: &dyn Observer,
+    ) {
+        let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
+        watched(observer, Stage::Cull, || self.occlusion.begin_kind(kind, visible));
+        loop {
+            watched(observer, Stage::Footprint, || self.project(kind, (scene, camera), (settings, closing)));
+            let size = (camera.size(), self.tile_side);
+            if kind == 0 {
+                self.surfaces.list_by_cluster(observer, size, &mut self.scratch);
+            } else {
+                let is_last = !self.occlusion.leaves_out(1);
+                let buffers = (&mut self.sorter, &mut self.scratch);
+                let size = (size.0, self.lattice.listed_side(self.tile_side));
+                self.volumes.list_by_distance((observer, closing, is_last), size, buffers);
+            }
+            self.draw(kind, camera, (settings, closing), observer);
+            let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
+            let occlusion = &mut self.occlusion;
+            if !watched(observer, Stage::Cull, || occlusion.find_missing(kind, visible)) {
+                break;
+            }
         }
+    }
+
+    /// Projects what is new of a kind in a round.
+    fn project(
+        &mut self,
+        kind: usize,
+        (scene, camera): (&Scene, &Camera),
+        (settings, closing): (&RenderSettings, Closing),
+    ) {
+        let hides = kind == 1 && settings.occlusion && !self.visible[0].is_empty();
+        let looked = hides.then_some(self.occlusion.looked());
+        let (shaders, level) = (&self.shaders, self.level);
+        let view = SceneView { scene, camera, settings, shaders, closing, looked, level };
+        let drawn = if kind == 0 { &mut self.surfaces } else { &mut self.volumes };
+        drawn.append(&view, &self.visible[kind], self.occlusion.next());
     }
 
     /// Draws the tiles that changed.
     fn draw(
         &mut self,
+        kind: usize,
         camera: &Camera,
         (settings, closing): (&RenderSettings, Closing),
         observer: &dyn Observer,
     ) {
-        let Self { visible, surfaces, volumes, occlusion, lattice, counts, .. } = self;
-        let Self { shaders, depth_tolerances, level, tile_side: side, .. } = self;
         let picture = camera.size().map(|length| length as usize);
-        let [columns, rows] = picture.map(|length| length.div_ceil(*side));
+        let [columns, rows] = self.tiles(camera);
+        let Self { visible, surfaces, volumes, cuts, occlusion, lattice, counts, .. } = self;
+        let Self { shaders, depth_tolerances, level, tile_side: side, .. } = self;
         let lens = Lens::new(camera, settings.low_pass);
         let near = camera.near() as f32;
         // A quarter of the tolerance: what is behind changes a channel by at most that share of its brightness.
@@ -275,16 +311,34 @@ impl Renderer {
             level: *level,
         };
         let bands: Vec<Mutex<FrameRows>> = self.frame.bands(*side).map(Mutex::new).collect();
-        lattice.mark(occlusion.changed(), columns);
         let tile_of = |index: usize| Tile::new([index % columns, index / columns], *side, picture);
         let store = |counts: &[AtomicU64; 2], found: [u64; 2]| {
             counts.iter().zip(found).for_each(|(sum, own)| sum.store(own, Relaxed));
         };
+        let (counts_of_surfaces, counts) = counts.split_at(columns * rows);
         let (counts, counts_of_lattice) = counts.split_at(columns * rows);
+        // Lists are those of an earlier frame where this one has nothing of a kind.
+        let surfaces_of = |index: usize| if visible[0].is_empty() { &[] } else { surfaces.lists.tile(index) };
+        if kind == 0 {
+            tiles::for_each(&mut self.threads, columns * rows, |index, buffers| {
+                if !occlusion.changed()[index] {
+                    return;
+                }
+                let tile = (tile_of(index), surfaces_of(index));
+                let found = if visible[1].is_empty() {
+                    drawer.draw_surfaces(tile, buffers, &bands[index / columns])
+                } else {
+                    drawer.keep_cuts(tile, buffers, (cuts, index))
+                };
+                store(&counts_of_surfaces[index], [found, 0]);
+            });
+            return;
+        }
+        lattice.mark(occlusion.changed(), columns);
         tiles::for_each(&mut self.threads, lattice.tiles(), |index, buffers| {
             if lattice.is_changed(index) {
                 let has_surfaces =
-                    lattice.parts(index, [columns, rows]).any(|part| !surfaces.lists.tile(part).is_empty());
+                    lattice.parts(index, [columns, rows]).any(|part| !surfaces_of(part).is_empty());
                 let lists = (volumes.lists.tile(index), has_surfaces);
                 store(&counts_of_lattice[index], drawer.sample((lattice, index), lists, buffers));
             }
@@ -293,11 +347,9 @@ impl Renderer {
             let tile = tile_of(index);
             if occlusion.changed()[index] || lattice.is_stale(tile) {
                 let listed = if lattice.is_used() { lattice.tile_of(tile) } else { index };
-                let lists = [surfaces.lists.tile(index), volumes.lists.tile(listed)];
-                store(
-                    &counts[index],
-                    drawer.draw((tile, lists), buffers, (lattice, &bands[index / columns])),
-                );
+                let lists = [surfaces_of(index), volumes.lists.tile(listed)];
+                let more = ((&*cuts, index), &*lattice, &bands[index / columns]);
+                store(&counts[index], drawer.draw((tile, lists), buffers, more));
             }
         });
     }

@@ -14,6 +14,7 @@ use crate::closing::Closing;
 use crate::columns::LANES;
 use crate::cull::{Frustum, VisibleRange};
 use crate::grow::grow;
+use crate::occlusion::Looked;
 use crate::order::Run;
 use crate::scene::{RenderSettings, Scene};
 use crate::shade::Shader;
@@ -62,8 +63,8 @@ pub(crate) struct Records {
     pub(crate) samples: Vec<SurfaceSample>,
     /// The places taken.
     pub(crate) runs: Vec<Run>,
-    /// How many there are of each form, by range.
-    forms: Vec<[u32; Form::ALL.len()]>,
+    /// By range.
+    tallies: Vec<Tally>,
     /// How many places ranges have that are projected together.
     places: Vec<usize>,
     /// How many places ranges have so far.
@@ -73,6 +74,13 @@ pub(crate) struct Records {
 /// Ranges that are projected one after the other.
 const RANGES_TOGETHER: usize = 4;
 
+/// What became of the splats of a range.
+#[derive(Clone, Copy, Default)]
+struct Tally {
+    forms: [u32; Form::ALL.len()],
+    behind_cuts: u32,
+}
+
 /// Where the records of one range go, at least [`LANES`] places more than there are.
 struct Places<'a> {
     records: &'a mut [Record],
@@ -81,7 +89,7 @@ struct Places<'a> {
     /// As many, or none.
     samples: &'a mut [SurfaceSample],
     run: &'a mut Run,
-    forms: &'a mut [u32; Form::ALL.len()],
+    tally: &'a mut Tally,
 }
 
 /// Where the records of ranges go that are projected together.
@@ -118,7 +126,7 @@ impl Places<'_> {
         if let Some(slot) = self.samples.get_mut(place) {
             *slot = sample;
         }
-        self.forms[record.tag.form as usize] += 1;
+        self.tally.forms[record.tag.form as usize] += 1;
         self.run.include([distance; 2]);
         self.run.len = place + 1;
     }
@@ -143,13 +151,18 @@ impl Records {
 
     /// How many there are of each form.
     pub(crate) fn forms(&self) -> [u64; Form::ALL.len()] {
-        std::array::from_fn(|form| self.forms.iter().map(|count| u64::from(count[form])).sum())
+        std::array::from_fn(|form| self.tallies.iter().map(|tally| u64::from(tally.forms[form])).sum())
+    }
+
+    /// How many splats in the picture have none, since they lie behind cuts.
+    pub(crate) fn behind_cuts(&self) -> u64 {
+        self.tallies.iter().map(|tally| u64::from(tally.behind_cuts)).sum()
     }
 
     /// Forgets all records.
     pub(crate) fn clear(&mut self) {
         self.runs.clear();
-        self.forms.clear();
+        self.tallies.clear();
         self.used = 0;
     }
 
@@ -171,7 +184,7 @@ impl Records {
         grow(&mut self.distances, self.used, AtomicU32::default);
         grow(&mut self.samples, samples, SurfaceSample::default);
         self.runs.resize(begin + chosen.len(), Run::new(0));
-        self.forms.resize(begin + chosen.len(), [0; Form::ALL.len()]);
+        self.tallies.resize(begin + chosen.len(), Tally::default());
         let mut rest = Slots {
             start,
             records: &mut self.records[start..],
@@ -181,15 +194,15 @@ impl Records {
         };
         let slots: Vec<Slots> = self.places.iter().map(|count| rest.split(*count)).collect();
         let runs = self.runs[begin..].par_chunks_mut(RANGES_TOGETHER);
-        let forms = self.forms[begin..].par_chunks_mut(RANGES_TOGETHER);
-        slots.into_par_iter().zip(together).zip(runs.zip(forms)).for_each(
-            |((mut slots, together), (runs, forms))| {
-                for ((rank, run), forms) in together.iter().zip(runs).zip(forms) {
+        let tallies = self.tallies[begin..].par_chunks_mut(RANGES_TOGETHER);
+        slots.into_par_iter().zip(together).zip(runs.zip(tallies)).for_each(
+            |((mut slots, together), (runs, tallies))| {
+                for ((rank, run), tally) in together.iter().zip(runs).zip(tallies) {
                     *run = Run::new(slots.start);
                     let Slots { records, rects, distances, samples, .. } = &mut slots;
                     let range = &ranges[*rank as usize];
                     let projector = view.projector(range);
-                    let mut places = Places { records, rects, distances, samples, run, forms };
+                    let mut places = Places { records, rects, distances, samples, run, tally };
                     WideProjector::new(&projector).project(view.level, range, &mut places);
                     slots.split(run.len);
                 }
@@ -206,14 +219,16 @@ pub(crate) struct SceneView<'a> {
     /// One a cloud.
     pub(crate) shaders: &'a [Shader],
     pub(crate) closing: Closing,
+    /// Of what is drawn of surfaces, if that hides volumes.
+    pub(crate) looked: Option<&'a Looked>,
     pub(crate) level: Level,
 }
 
 impl SceneView<'_> {
     fn projector(&self, range: &VisibleRange) -> Projector<'_> {
-        let Self { scene, camera, settings, shaders, .. } = *self;
+        let Self { scene, camera, settings, shaders, closing, looked, .. } = *self;
         let (lens, frustum) = (Lens::new(camera, settings.low_pass), Frustum::new(camera));
-        let view = View { camera, settings, lens, frustum, closing: self.closing };
+        let view = View { camera, settings, lens, frustum, closing, looked };
         Projector::new(
             (&scene.clouds[range.cloud], range.level),
             range.cloud as u16,

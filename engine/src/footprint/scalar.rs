@@ -12,6 +12,7 @@ use crate::columns::{self, Columns};
 use crate::cull::Frustum;
 use crate::harmonics::basis;
 use crate::levels::Level;
+use crate::occlusion::Looked;
 use crate::scene::{Blend, FootprintForm, RenderSettings};
 use crate::shade::Shader;
 use crate::simd::{self, SimdBase as _, dispatch};
@@ -40,6 +41,7 @@ pub(super) struct View<'a> {
     pub(super) lens: Lens,
     pub(super) frustum: Frustum,
     pub(super) closing: Closing,
+    pub(super) looked: Option<&'a Looked>,
 }
 
 /// Projects the splats of one cloud.
@@ -93,7 +95,7 @@ impl<'a> Projector<'a> {
 
     /// What is drawn of a splat; `None` if nothing.
     pub(super) fn project_splat(&self, index: usize, id: u32) -> Option<Projected> {
-        let View { camera, settings, lens, frustum, closing } = &self.view;
+        let View { camera, settings, lens, frustum, closing, .. } = &self.view;
         let splats = self.columns;
         let factor_in_cloud = splats.factor(index);
         let splat = CameraSplat {

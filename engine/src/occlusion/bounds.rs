@@ -128,7 +128,9 @@ impl Bounds {
         } else {
             0.0
         };
-        let beyond = if range.is_surface { SURFEL_REACH } else { KERNEL_REACH } + sight.root_cutoff;
+        // Of kernels what the slope adds and what is spread along rays are parts of one σ, see `composite::lead`.
+        let root = sight.root_cutoff;
+        let beyond = if range.is_surface { SURFEL_REACH + root } else { KERNEL_REACH.hypot(root) };
         let plane = if range.is_surface { sight.plane_reach(center.z + radius) } else { 0.0 };
         let near = nearest - beyond * filtered - plane;
         Self {

@@ -1,8 +1,8 @@
 //! What may be hidden, guessed before anything is drawn.
 //!
 //! Ranges come from near to far. Those of surfaces cover the squares where some of their surfels are, those of volumes fill the
-//! squares that they touch by as much as their splats would, were they spread evenly over them. What comes behind covered squares
-//! is taken for hidden.
+//! squares that they touch by as much as their splats would, were they spread evenly over them. What comes behind squares that are
+//! covered, or filled, by its own kind is taken for hidden.
 
 use super::bounds::{Bounds, Sight};
 use super::facing::Facing;
@@ -19,9 +19,6 @@ use std::ops::Range;
 /// A square that is covered as many times is taken for opaque: more than half, as at the edge of something, and less than
 /// once, since the measure is uneven.
 const COVERED: f32 = 0.55;
-
-/// Where all cells of a tile are covered as much, it has no edge: what they lack is unevenness.
-const WITHOUT_EDGE: f32 = 0.35;
 
 /// Volumes vary far more from place to place.
 const FILLED: f32 = 16.0;
@@ -40,8 +37,8 @@ pub(super) struct Guess {
     columns: [usize; 2],
     /// Of cells: how often they are covered, and the sum of the z where that is done, by how much.
     cells: Vec<[f32; 2]>,
-    /// Of tiles: how often they are filled by volumes, and the z from which on all of their cells are covered.
-    tiles: Vec<[f32; 2]>,
+    /// How often tiles are filled by volumes.
+    tiles: Vec<f32>,
     /// What ranges of surfaces cover, and by how much each of a volume fills its rectangle.
     sheets: Vec<Sheet>,
     fillings: Vec<f32>,
@@ -53,23 +50,20 @@ impl Guess {
         self.cells.clear();
         self.cells.resize(looked.cells(), [0.0; 2]);
         self.tiles.clear();
-        self.tiles.resize(looked.tiles(), [0.0, f32::NEG_INFINITY]);
+        self.tiles.resize(looked.tiles(), 0.0);
     }
 
-    /// Whether much may be hidden, as a few ranges tell; surfaces before volumes need to cover the picture just once.
+    /// Whether much of a kind may be hidden, as a few of its ranges tell.
     pub(super) fn may_hide(
         &self,
         (scene, sight, spent): (&Scene, &Sight, f64),
-        ranges: &[Vec<VisibleRange>; 2],
-        bounds: &[Vec<Bounds>; 2],
+        kind: usize,
+        (ranges, bounds, chosen): (&[VisibleRange], &[Bounds], &[u32]),
     ) -> bool {
-        if ranges.iter().all(|ranges| !ranges.is_empty()) {
-            return true;
-        }
-        let kind = usize::from(ranges[0].is_empty());
         let mut is_touched = vec![false; self.tiles.len()];
         let mut sum = 0.0;
-        for (range, bounds) in ranges[kind].iter().zip(&bounds[kind]).step_by(PROBED) {
+        for rank in chosen.iter().step_by(PROBED) {
+            let (range, bounds) = (&ranges[*rank as usize], &bounds[*rank as usize]);
             let cloud = &scene.clouds[range.cloud];
             sum += match kind {
                 0 => Facing::new(sight, cloud, range).area(range, spent),
@@ -145,44 +139,33 @@ impl Guess {
         hidden
     }
 
-    /// The volumes that seem to be hidden by the surfaces, or by each other.
+    /// The volumes that seem to be hidden by each other, of those that are chosen.
     pub(super) fn hidden_volumes(
         &mut self,
         (scene, sight, spent): (&Scene, &Sight, f64),
-        ranges: &[VisibleRange],
-        bounds: &[Bounds],
+        (ranges, bounds, chosen): (&[VisibleRange], &[Bounds], &[u32]),
     ) -> Vec<u32> {
-        if ranges.is_empty() {
-            return Vec::new();
-        }
-        let (cells_a_tile, [cell_columns, tile_columns]) = (self.side / CELL, self.columns);
-        for (place, [covered, depths]) in self.cells.iter().enumerate() {
-            let [x, y] = [place % cell_columns / cells_a_tile, place / cell_columns / cells_a_tile];
-            let behind = &mut self.tiles[y * tile_columns + x][1];
-            *behind = behind.max(if *covered >= WITHOUT_EDGE { depths / covered } else { f32::INFINITY });
-        }
         let filling = |(range, bounds): (&VisibleRange, &Bounds)| {
             let depth = optical_area(sight, &scene.clouds[range.cloud], range) / -spent.ln();
             (depth / bounds.area.max(1.0)) as f32
         };
         ranges.par_iter().zip(bounds).map(filling).collect_into_vec(&mut self.fillings);
-        let mut order: Vec<u32> = (0..ranges.len() as u32).collect();
+        let mut order = chosen.to_vec();
         order.par_sort_by(|a, b| {
             let distance = |rank: &u32| bounds[*rank as usize].distance;
             distance(a).total_cmp(&distance(b)).then(a.cmp(b))
         });
+        let tile_columns = self.columns[1];
         let mut hidden = Vec::new();
         for rank in order {
-            let Bounds { pixels, near, .. } = &bounds[rank as usize];
-            let [columns, rows] = squares(pixels, self.side);
+            let [columns, rows] = squares(&bounds[rank as usize].pixels, self.side);
             let tiles = || rows.clone().flat_map(|y| columns.clone().map(move |x| y * tile_columns + x));
-            let is_hidden = |[filled, behind]: [f32; 2]| filled >= FILLED || *near > behind;
-            if tiles().all(|tile| is_hidden(self.tiles[tile])) {
+            if tiles().all(|tile| self.tiles[tile] >= FILLED) {
                 hidden.push(rank);
                 continue;
             }
             for tile in tiles() {
-                self.tiles[tile][0] += self.fillings[rank as usize];
+                self.tiles[tile] += self.fillings[rank as usize];
             }
         }
         hidden.sort_unstable();

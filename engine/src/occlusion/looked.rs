@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 /// Side of a cell in pixels: tiles consist of whole ones.
 pub(super) const CELL: usize = 8;
 
-/// Depths behind which nothing matters: of surfaces by cells, of volumes by tiles.
+/// Depths behind which nothing matters: behind surfaces by cells, behind volumes by tiles.
 #[derive(Default)]
 pub(crate) struct Looked {
     side: usize,
@@ -17,7 +17,9 @@ pub(crate) struct Looked {
     counts: [usize; 2],
     /// Where the last layer of surfaces ends that anything is seen of.
     layers: Vec<AtomicU32>,
-    /// z behind which kernels are hidden by surfaces, and the distance up to which others were added.
+    /// z of the farthest of the cuts behind which nothing is seen.
+    cuts: Vec<AtomicU32>,
+    /// The same of tiles, and the distance up to which kernels were added.
     kernels: Vec<[AtomicU32; 2]>,
 }
 
@@ -33,8 +35,13 @@ impl Looked {
         self.side = side;
         self.columns = [cells[0], tiles[0]];
         self.counts = [cells[0] * cells[1], tiles[0] * tiles[1]];
-        self.layers.resize_with(self.counts[0].max(self.layers.len()), AtomicU32::default);
-        self.kernels.resize_with(self.counts[1].max(self.kernels.len()), Default::default);
+        let endless = || AtomicU32::new(f32::INFINITY.to_bits());
+        for cells in [&mut self.layers, &mut self.cuts] {
+            cells.clear();
+            cells.resize_with(self.counts[0], endless);
+        }
+        self.kernels.clear();
+        self.kernels.resize_with(self.counts[1], || [endless(), endless()]);
     }
 
     /// Side of a tile in pixels.
@@ -57,30 +64,49 @@ impl Looked {
         self.counts[1]
     }
 
-    /// Says how far a tile was looked into, which one thread does; from the distance `reached` on it needed no kernel.
-    pub(crate) fn store(&self, tile: Tile, cuts: &Cuts, reached: f32) {
-        let place = tile.origin[1] / self.side * self.columns[1] + tile.origin[0] / self.side;
-        self.kernels[place][0].store(cuts.hidden().to_bits(), Relaxed);
-        self.kernels[place][1].store(reached.to_bits(), Relaxed);
+    /// Says how far a tile's surfaces were looked into, which one thread does.
+    pub(crate) fn store_cuts(&self, tile: Tile, cuts: &Cuts) {
+        store(&self.kernels[self.place_of(tile)][0], cuts.hidden());
         let cell = |block: usize| {
             let [x, y] = [0, 1].map(|axis| (tile.origin[axis] + tile.corner(block)[axis]) / CELL);
-            &self.layers[y * self.columns[0] + x]
+            y * self.columns[0] + x
         };
         for block in tile.visible_blocks() {
-            cell(block).store(f32::NEG_INFINITY.to_bits(), Relaxed);
+            store(&self.layers[cell(block)], f32::NEG_INFINITY);
+            store(&self.cuts[cell(block)], f32::NEG_INFINITY);
         }
         for block in tile.visible_blocks() {
-            let cell = cell(block);
-            let depth = f32::from_bits(cell.load(Relaxed)).max(cuts.block(block).ends);
-            cell.store(depth.to_bits(), Relaxed);
+            let (cell, cuts) = (cell(block), cuts.block(block));
+            store(&self.layers[cell], read(&self.layers[cell]).max(cuts.ends));
+            store(&self.cuts[cell], read(&self.cuts[cell]).max(cuts.hidden));
         }
+    }
+
+    /// Says from which distance on a tile needed no kernel, which one thread does.
+    pub(crate) fn store_reached(&self, tile: Tile, reached: f32) {
+        store(&self.kernels[self.place_of(tile)][1], reached);
+    }
+
+    fn place_of(&self, tile: Tile) -> usize {
+        tile.origin[1] / self.side * self.columns[1] + tile.origin[0] / self.side
     }
 
     /// Whether surfaces in a rectangle of pixels whose spans begin behind `near` take part in no layer.
     pub(super) fn hides_surface(&self, pixels: &Rect, near: f32) -> bool {
+        self.are_before(&self.layers, pixels, near)
+    }
+
+    /// Whether nothing that lies behind `near` is seen in a rectangle of pixels.
+    #[inline(always)]
+    pub(crate) fn hides_kernel(&self, pixels: &Rect, near: f32) -> bool {
+        self.are_before(&self.cuts, pixels, near)
+    }
+
+    #[inline(always)]
+    fn are_before(&self, depths: &[AtomicU32], pixels: &Rect, near: f32) -> bool {
         let [columns, mut rows] = squares(pixels, CELL);
         rows.all(|row| {
-            let row = &self.layers[row * self.columns[0]..];
+            let row = &depths[row * self.columns[0]..];
             row[columns.clone()].iter().all(|depth| read(depth) < near)
         })
     }
@@ -106,7 +132,10 @@ impl Looked {
     pub(super) fn tiles_that_show(&self, pixels: &Rect, from: [f32; 2]) -> impl Iterator<Item = usize> + '_ {
         let [columns, rows] = squares(pixels, self.side);
         let tiles = rows.flat_map(move |row| columns.clone().map(move |x| row * self.columns[1] + x));
-        tiles.filter(move |tile| !hides_kernel(&self.kernels[*tile], from))
+        tiles.filter(move |tile| {
+            let [cut, reached] = &self.kernels[*tile];
+            read(cut) >= from[0] && read(reached) >= from[1]
+        })
     }
 }
 
@@ -114,6 +143,6 @@ fn read(depth: &AtomicU32) -> f32 {
     f32::from_bits(depth.load(Relaxed))
 }
 
-fn hides_kernel(ends: &[AtomicU32; 2], from: [f32; 2]) -> bool {
-    read(&ends[0]) < from[0] || read(&ends[1]) < from[1]
+fn store(depth: &AtomicU32, z: f32) {
+    depth.store(z.to_bits(), Relaxed);
 }

@@ -31,13 +31,16 @@ const LEAST_RANGES: usize = 16;
 /// Less than this share of the splats isn't worth the rounds that leaving it out may take.
 const WORTH_IT: f64 = 0.33;
 
-/// What is drawn, what is left out, and how far the tiles were looked into. Of two kinds each: surfaces and volumes.
+/// What is drawn, what is left out, and how far the tiles were looked into. Of two kinds each: surfaces, which are drawn first, and
+/// volumes.
 #[derive(Default)]
 pub(crate) struct Occlusion {
-    bounds: [Vec<Bounds>; 2],
+    bounds: Vec<Bounds>,
     guess: Guess,
     left_out: [Vec<u32>; 2],
-    next: [Vec<u32>; 2],
+    /// How many splats of volumes are in clusters that cuts hide.
+    behind_cuts: u64,
+    next: Vec<u32>,
     changed: Vec<bool>,
     looked: Looked,
     rounds: usize,
@@ -60,62 +63,80 @@ impl Visible<'_> {
         let lens = Lens::new(camera, settings.low_pass);
         Sight::new(camera, lens, (settings.farthest_end(), f64::from(closing.thickness())))
     }
+
+    /// How many splats are drawn of a range of a kind.
+    fn count(&self, kind: usize, rank: u32) -> u64 {
+        let range = &self.ranges[kind][rank as usize];
+        range.count(self.scene.clouds[range.cloud].levels()) as u64
+    }
 }
 
 impl Occlusion {
-    /// Guesses what is hidden in a frame with tiles of a side, and leaves it out where that is worth it.
-    pub(crate) fn begin(&mut self, visible: Visible, side: usize) {
-        let Visible { scene, camera, settings, ranges, .. } = visible;
-        self.looked.clear(camera.size(), side);
+    /// Begins a frame with tiles of a side.
+    pub(crate) fn begin(&mut self, size: [u32; 2], side: usize) {
+        self.looked.clear(size, side);
+        self.left_out.iter_mut().for_each(Vec::clear);
+        self.behind_cuts = 0;
+    }
+
+    /// Begins with a kind. What surfaces hide of volumes is known by then; what else is hidden is guessed, and left out where that is
+    /// worth it.
+    pub(crate) fn begin_kind(&mut self, kind: usize, visible: Visible) {
+        let Visible { scene, settings, .. } = visible;
+        let ranges = &visible.ranges[kind];
         self.changed.clear();
         self.changed.resize(self.looked.tiles(), true);
         self.rounds = 0;
-        let count = ranges[0].len() + ranges[1].len();
-        for (kind, ranges) in ranges.iter().enumerate() {
-            self.left_out[kind].clear();
-            self.next[kind].clear();
-            self.next[kind].extend(0..ranges.len() as u32);
-        }
-        if !settings.occlusion || count < LEAST_RANGES {
+        self.next.clear();
+        self.next.extend(0..ranges.len() as u32);
+        if !settings.occlusion || ranges.len() < LEAST_RANGES {
             return;
         }
         let sight = visible.sight();
-        for (bounds, ranges) in self.bounds.iter_mut().zip(ranges) {
-            let of = |range: &VisibleRange| Bounds::new(&sight, range);
-            ranges.par_iter().map(of).collect_into_vec(bounds);
+        ranges.par_iter().map(|range| Bounds::new(&sight, range)).collect_into_vec(&mut self.bounds);
+        if kind == 1 {
+            self.leave_out_behind_cuts(visible);
         }
         self.guess.begin(&self.looked);
-        let spent = settings.tolerance / 4.0;
-        if !self.guess.may_hide((scene, &sight, spent), ranges, &self.bounds) {
+        let view = (scene, &sight, settings.tolerance / 4.0);
+        if !self.guess.may_hide(view, kind, (ranges, &self.bounds, &self.next)) {
             return;
         }
-        let surfaces = self.guess.hidden_surfaces((scene, &sight, spent), &ranges[0]);
-        let volumes = self.guess.hidden_volumes((scene, &sight, spent), &ranges[1], &self.bounds[1]);
-        self.next[0].retain(|rank| !self.guess.is_turned_away(*rank));
-        let hidden = [surfaces, volumes];
-        let splats = |kind: usize, ranks: &[u32]| -> usize {
-            ranks.iter().map(|rank| ranges[kind][*rank as usize].splats.len()).sum()
+        let hidden = if kind == 0 {
+            self.guess.hidden_surfaces(view, ranges)
+        } else {
+            self.guess.hidden_volumes(view, (ranges, &self.bounds, &self.next))
         };
-        let [all, left_out] = [&self.next, &hidden].map(|ranks| splats(0, &ranks[0]) + splats(1, &ranks[1]));
-        if (left_out as f64) < WORTH_IT * all as f64 {
+        if kind == 0 {
+            self.next.retain(|rank| !self.guess.is_turned_away(*rank));
+        }
+        let splats =
+            |ranks: &[u32]| -> usize { ranks.iter().map(|rank| ranges[*rank as usize].splats.len()).sum() };
+        if (splats(&hidden) as f64) < WORTH_IT * splats(&self.next) as f64 {
             return;
         }
-        for (kind, hidden) in hidden.into_iter().enumerate() {
-            let mut is_left_out = vec![false; ranges[kind].len()];
-            hidden.iter().for_each(|rank| is_left_out[*rank as usize] = true);
-            self.next[kind].retain(|rank| !is_left_out[*rank as usize]);
-            self.left_out[kind] = hidden;
-        }
+        let mut is_left_out = vec![false; ranges.len()];
+        hidden.iter().for_each(|rank| is_left_out[*rank as usize] = true);
+        self.next.retain(|rank| !is_left_out[*rank as usize]);
+        self.left_out[kind] = hidden;
     }
 
-    /// The ranges of a kind that are to be projected in this round, by their places among the visible ones.
-    pub(crate) fn next(&self, kind: usize) -> &[u32] {
-        &self.next[kind]
+    /// Leaves out the volumes that are hidden by what is drawn of surfaces, for good.
+    fn leave_out_behind_cuts(&mut self, visible: Visible) {
+        let Self { looked, bounds, behind_cuts, next, .. } = self;
+        next.retain(|rank| {
+            let Bounds { pixels, near, .. } = &bounds[*rank as usize];
+            let is_hidden = looked.hides_kernel(pixels, *near);
+            if is_hidden {
+                *behind_cuts += visible.count(1, *rank);
+            }
+            !is_hidden
+        });
     }
 
-    /// Whether what is drawn of a kind is new in this round.
-    pub(crate) fn is_new(&self, kind: usize) -> bool {
-        self.rounds == 0 || !self.next[kind].is_empty()
+    /// The ranges of the kind that are to be projected in this round, by their places among the visible ones.
+    pub(crate) fn next(&self) -> &[u32] {
+        &self.next
     }
 
     /// Whether anything of a kind is left out.
@@ -133,9 +154,9 @@ impl Occlusion {
         &self.looked
     }
 
-    /// Finds what was left out of the tiles as they are drawn now but is seen; false if the picture is done.
-    pub(crate) fn find_missing(&mut self, visible: Visible) -> bool {
-        if !self.leaves_out(0) && !self.leaves_out(1) {
+    /// Finds what of a kind was left out of the tiles as they are drawn now but is seen; false if nothing was.
+    pub(crate) fn find_missing(&mut self, kind: usize, visible: Visible) -> bool {
+        if !self.leaves_out(kind) {
             return false;
         }
         let Visible { scene, ranges, .. } = visible;
@@ -146,50 +167,45 @@ impl Occlusion {
         let enough = (1_u32 << (self.rounds - 1)) as f32;
         self.guess.begin(&self.looked);
         self.changed.fill(false);
-        for kind in 0..2 {
-            let (bounds, looked, ranges) = (&self.bounds[kind], &self.looked, &ranges[kind]);
-            // In which squares those that are missing are seen: cells of surfaces, tiles of volumes.
-            let find = |rank: &u32| -> Vec<u32> {
-                let (bounds, range) = (&bounds[*rank as usize], &ranges[*rank as usize]);
-                if kind == 1 {
-                    let tiles = looked.tiles_that_show(&bounds.pixels, [bounds.near, bounds.distance]);
-                    return tiles.map(|tile| tile as u32).collect();
-                }
-                if looked.hides_surface(&bounds.pixels, bounds.near) {
-                    return Vec::new();
-                }
-                Facing::new(&sight, &scene.clouds[range.cloud], range).cells_that_show(range, looked)
+        let (bounds, looked, ranges) = (&self.bounds, &self.looked, &ranges[kind]);
+        // In which squares those that are missing are seen: cells of surfaces, tiles of volumes.
+        let find = |rank: &u32| -> Vec<u32> {
+            let (bounds, range) = (&bounds[*rank as usize], &ranges[*rank as usize]);
+            if kind == 1 {
+                let tiles = looked.tiles_that_show(&bounds.pixels, [bounds.near, bounds.distance]);
+                return tiles.map(|tile| tile as u32).collect();
+            }
+            if looked.hides_surface(&bounds.pixels, bounds.near) {
+                return Vec::new();
+            }
+            Facing::new(&sight, &scene.clouds[range.cloud], range).cells_that_show(range, looked)
+        };
+        let found: Vec<Vec<u32>> = self.left_out[kind].par_iter().map(find).collect();
+        self.next.clear();
+        let mut found = found.into_iter();
+        self.left_out[kind].retain(|rank| {
+            let squares = found.next().unwrap_or_default();
+            let is_next = match kind {
+                _ if squares.is_empty() => false,
+                0 => takes_all || self.guess.admits(*rank, &squares, enough),
+                _ => true,
             };
-            let found: Vec<Vec<u32>> = self.left_out[kind].par_iter().map(find).collect();
-            self.next[kind].clear();
-            let mut found = found.into_iter();
-            self.left_out[kind].retain(|rank| {
-                let squares = found.next().unwrap_or_default();
-                let is_next = match kind {
-                    _ if squares.is_empty() => false,
-                    0 => takes_all || self.guess.admits(*rank, &squares, enough),
-                    _ => true,
-                };
-                if is_next {
-                    self.next[kind].push(*rank);
-                    for square in squares {
-                        let square = square as usize;
-                        let tile = if kind == 0 { self.looked.tile_of(square) } else { square };
-                        self.changed[tile] = true;
-                    }
+            if is_next {
+                self.next.push(*rank);
+                for square in squares {
+                    let square = square as usize;
+                    let tile = if kind == 0 { self.looked.tile_of(square) } else { square };
+                    self.changed[tile] = true;
                 }
-                !is_next
-            });
-        }
-        self.next.iter().any(|next| !next.is_empty())
+            }
+            !is_next
+        });
+        !self.next.is_empty()
     }
 
-    /// How many splats are left out.
+    /// How many splats are left out with their clusters.
     pub(crate) fn count(&self, visible: Visible) -> u64 {
-        let of = |kind: usize| {
-            let ranges = self.left_out[kind].iter().map(move |rank| &visible.ranges[kind][*rank as usize]);
-            ranges.map(|range| range.count(visible.scene.clouds[range.cloud].levels()) as u64).sum::<u64>()
-        };
-        of(0) + of(1)
+        let of = |kind: usize| self.left_out[kind].iter().map(move |rank| visible.count(kind, *rank));
+        of(0).chain(of(1)).sum::<u64>() + self.behind_cuts
     }
 }

@@ -427,8 +427,15 @@ fn compare(scene: &Scene, camera: &Camera, settings: &RenderSettings, level: Lev
     renderer.render(scene, camera, settings, &()).unwrap();
     // The renderer's own distances are spent by sorting.
     let mut volumes = Records::default();
-    let view =
-        SceneView { scene, camera, settings, shaders: &renderer.shaders, closing: Closing::Centers, level };
+    let view = SceneView {
+        scene,
+        camera,
+        settings,
+        shaders: &renderer.shaders,
+        closing: Closing::Centers,
+        looked: None,
+        level,
+    };
     let all: Vec<u32> = (0..renderer.visible[1].len() as u32).collect();
     volumes.append(&view, &renderer.visible[1], &all);
     let records = [&renderer.surfaces.records, &volumes];

@@ -2,7 +2,7 @@
 
 use super::watched;
 use crate::composite::{Compositor, KernelBuffers, Runs};
-use crate::cuts::Cuts;
+use crate::cuts::{Cuts, KeptCuts};
 use crate::footprint::Rect;
 use crate::frame::FrameRows;
 use crate::lattice::{Lattice, STEP};
@@ -100,26 +100,64 @@ impl TileDrawer<'_> {
         counts
     }
 
-    /// Draws a tile from its lists of surfaces and volumes, the latter those of the lattice's tile that it is in if there is one;
-    /// gives the numbers of pixels that were evaluated, and where kernels came late.
-    pub(super) fn draw(
+    /// Finds the cuts of a tile from its list of surfaces, and says how far it looked; gives the number of pixels that were evaluated.
+    fn cut(
         &self,
-        (tile, [surfaces, volumes]): (Tile, [&[AtomicU32]; 2]),
-        buffers: &mut TileBuffers,
-        (lattice, band): (&Lattice, &Mutex<FrameRows>),
-    ) -> [u64; 2] {
-        let Self { layers: builder, compositor, resolver, looked, observer, level } = self;
-        let TileBuffers { layers, cuts, kernels, runs, list, resolved } = buffers;
-        let mut counts = [0; 2];
-        counts[0] = watched(
+        (tile, surfaces): (Tile, &[AtomicU32]),
+        (layers, cuts): (&mut LayerBuffers, &mut Cuts),
+    ) -> u64 {
+        let Self { layers: builder, looked, observer, level, .. } = self;
+        let count = watched(
             *observer,
             Stage::Layers,
             || dispatch!(*level, simd => builder.build(simd, (tile, surfaces), layers, cuts)),
         );
+        looked.store_cuts(tile, cuts);
+        count
+    }
+
+    /// Finds a tile's cuts for when its volumes are drawn; gives the number of pixels that were evaluated.
+    pub(super) fn keep_cuts(
+        &self,
+        (tile, surfaces): (Tile, &[AtomicU32]),
+        TileBuffers { layers, cuts, .. }: &mut TileBuffers,
+        (kept, index): (&KeptCuts, usize),
+    ) -> u64 {
+        let count = self.cut((tile, surfaces), (layers, cuts));
+        kept.keep(index, cuts);
+        count
+    }
+
+    /// Draws a tile of which there are surfaces alone; gives the number of pixels that were evaluated.
+    pub(super) fn draw_surfaces(
+        &self,
+        (tile, surfaces): (Tile, &[AtomicU32]),
+        TileBuffers { layers, cuts, resolved, .. }: &mut TileBuffers,
+        band: &Mutex<FrameRows>,
+    ) -> u64 {
+        let count = self.cut((tile, surfaces), (layers, cuts));
+        self.resolve(tile, (cuts, None), (resolved, band));
+        count
+    }
+
+    /// Draws a tile from its cuts, or its list of surfaces where these were not kept, and its list of volumes, that of the lattice's
+    /// tile that it is in if there is one; gives the numbers of pixels that were evaluated, and where kernels came late.
+    pub(super) fn draw(
+        &self,
+        (tile, [surfaces, volumes]): (Tile, [&[AtomicU32]; 2]),
+        buffers: &mut TileBuffers,
+        (kept, lattice, band): ((&KeptCuts, usize), &Lattice, &Mutex<FrameRows>),
+    ) -> [u64; 2] {
+        let Self { compositor, resolver, looked, observer, level, .. } = self;
+        let TileBuffers { layers, cuts, kernels, runs, list, resolved } = buffers;
+        if surfaces.is_empty() || !kept.0.restore(kept.1, cuts) {
+            self.cut((tile, surfaces), (layers, cuts));
+        }
+        let mut found = [0; 2];
         let has_runs = !volumes.is_empty();
         let mut reached = f32::INFINITY;
         if has_runs {
-            let [count, late] = watched(*observer, Stage::Composite, || {
+            found = watched(*observer, Stage::Composite, || {
                 let mut open = tile.visible_set();
                 dispatch!(*level, simd => runs.clear(simd, tile, cuts.segments()));
                 let mut volumes = volumes;
@@ -140,14 +178,22 @@ impl TileDrawer<'_> {
                 reached = if lattice.is_used() { reached.max(runs.reached) } else { runs.reached };
                 found
             });
-            counts = [counts[0] + count, late];
         }
-        looked.store(tile, cuts, reached);
+        looked.store_reached(tile, reached);
+        self.resolve(tile, (cuts, has_runs.then_some(&*runs)), (resolved, band));
+        found
+    }
+
+    fn resolve(
+        &self,
+        tile: Tile,
+        (cuts, runs): (&Cuts, Option<&Runs>),
+        (resolved, band): (&mut Resolved, &Mutex<FrameRows>),
+    ) {
+        let Self { resolver, observer, level, .. } = self;
         watched(*observer, Stage::Resolve, || {
-            let runs = has_runs.then_some(&*runs);
             dispatch!(*level, simd => resolver.tile(simd, tile, (cuts, runs), (resolved, band)));
         });
-        counts
     }
 }
 

@@ -27,14 +27,14 @@ fn wide(level: Level, projector: &Projector, range: &VisibleRange) -> Vec<Option
             let mut rects = [Rect::default(); PLACES];
             let mut distances = [const { AtomicU32::new(0) }; PLACES];
             let mut samples = [SurfaceSample::default(); LANES];
-            let (mut run, mut forms) = (Run::new(0), [0; Form::ALL.len()]);
+            let (mut run, mut tally) = (Run::new(0), Tally::default());
             let mut places = Places {
                 records: &mut records,
                 rects: &mut rects,
                 distances: &mut distances,
                 samples: &mut samples,
                 run: &mut run,
-                forms: &mut forms,
+                tally: &mut tally,
             };
             let mut range = range.clone();
             range.splats = 0..count;
@@ -60,6 +60,7 @@ fn check(setup: &Setup, splats: &[Seen]) -> Result<(), TestCaseError> {
         settings: &setup.settings,
         shaders: &shaders,
         closing: Closing::Centers,
+        looked: None,
         level: Level::Baseline,
     };
     let projector = view.projector(&VisibleRange::whole(0..0, Vec3::ZERO, false));
@@ -125,6 +126,7 @@ fn what_is_fainter_than_the_tolerance_is_not_drawn() {
         settings,
         shaders: &shaders,
         closing: Closing::Centers,
+        looked: None,
         level: Level::Baseline,
     };
     let projector = view.projector(&VisibleRange::whole(0..0, Vec3::ZERO, false));

@@ -4,6 +4,7 @@
 
 mod forms;
 mod geometry;
+mod hidden;
 mod looks;
 mod write;
 
@@ -15,6 +16,7 @@ use crate::cull::VisibleRange;
 use crate::simd::*;
 use geometry::Placed;
 use glam::DMat3;
+use hidden::Hiding;
 
 /// What the splats of a cloud share, in f32.
 pub(super) struct WideProjector<'a> {
@@ -105,7 +107,11 @@ impl<'a> WideProjector<'a> {
     #[inline(never)]
     pub(super) fn project(&self, level: Level, range: &VisibleRange, out: &mut Places) {
         if self.is_even {
-            dispatch!(level, simd => self.project_wide(simd, range, out));
+            // Compiled for both.
+            match Hiding::new(self, range) {
+                Some(hiding) => dispatch!(level, simd => self.project_wide(simd, range, Some(&hiding), out)),
+                None => dispatch!(level, simd => self.project_wide(simd, range, None, out)),
+            }
         } else {
             for first in range.splats.clone().step_by(LANES) {
                 let chosen = range.chosen(self.scalar.levels, first);
@@ -117,7 +123,13 @@ impl<'a> WideProjector<'a> {
     }
 
     #[inline(always)]
-    fn project_wide<S: Simd>(&self, simd: S, range: &VisibleRange, out: &mut Places) {
+    fn project_wide<S: Simd>(
+        &self,
+        simd: S,
+        range: &VisibleRange,
+        hiding: Option<&Hiding>,
+        out: &mut Places,
+    ) {
         let origin = self.scalar.cloud_to_camera.transform_point3(range.center.as_dvec3()).as_vec3();
         let eye = self.scalar.camera_to_cloud.translation - range.center.as_dvec3();
         let mut ends = [f32::INFINITY, f32::NEG_INFINITY].each(
@@ -145,6 +157,13 @@ impl<'a> WideProjector<'a> {
             if !is_inside && self.is_beside(simd, &placed, reach) {
                 continue;
             }
+            if hiding.is_some_and(
+                #[inline(always)]
+                |hiding| hiding.hides_block(simd, self, &placed),
+            ) {
+                out.tally.behind_cuts += chosen.count_ones();
+                continue;
+            }
             let half_axes = self.half_axes(simd, block);
             if self.is_closed && self.all_face_away(simd, &placed, &half_axes) {
                 continue;
@@ -154,7 +173,7 @@ impl<'a> WideProjector<'a> {
             let forms = self.forms(simd, range.is_surface, &placed, &mut footprints);
             let looks = self.looks(simd, block, (&placed, &footprints), colors);
             let seen = (&placed, &footprints, &looks, &forms);
-            self.push(simd, (range, first, chosen), seen, (out, &mut ends));
+            self.push(simd, (range, first, chosen), seen, (out, &mut ends, hiding));
         }
         out.run.include([ends[0].reduce_min(), ends[1].reduce_max()]);
     }

@@ -3,6 +3,7 @@
 use super::WideProjector;
 use super::forms::{Along, Forms};
 use super::geometry::{Footprints, Placed};
+use super::hidden::Hiding;
 use super::looks::Looks;
 use crate::columns::{self, LANES, Lanes};
 use crate::cull::VisibleRange;
@@ -35,7 +36,7 @@ impl WideProjector<'_> {
         simd: S,
         (range, first, chosen): (&VisibleRange, usize, u32),
         (placed, footprints, looks, forms): (&Placed<S>, &Footprints<S>, &Looks<S>, &Forms<S>),
-        (out, ends): (&mut Places, &mut Ends<S>),
+        (out, ends, hiding): (&mut Places, &mut Ends<S>, Option<&Hiding>),
     ) {
         let Forms { point, exact, ref along } = *forms;
         let limits = (exact, looks.cutoff);
@@ -44,14 +45,21 @@ impl WideProjector<'_> {
         let z = placed.center[2];
         let zero = splat(simd, 0.0);
         let reach = (footprints.zz * self.cutoff).sqrt();
-        let seen = footprints.is_simple
+        let mut seen = footprints.is_simple
             & looks.is_seen
             & left.simd_lt(right)
             & top.simd_lt(bottom)
             & (z + reach).simd_gt(splat(simd, self.near));
         // Wholly behind the camera.
         let behind = if self.perspective { (z + reach).simd_le(zero) } else { M::splat(simd, false) };
-        let visible = seen.to_bitmask() as u32 & chosen;
+        let mut visible = seen.to_bitmask() as u32 & chosen;
+        let edges = [left, top, right, bottom];
+        if let Some(hiding) = hiding {
+            let hidden = hiding.hidden(simd, self, visible, (placed, footprints, &edges));
+            out.tally.behind_cuts += hidden.count_ones();
+            visible &= !hidden;
+            seen = M::from_bitmask(simd, visible.into());
+        }
         let hard = !(footprints.is_simple | behind).to_bitmask() as u32 & chosen;
         let start = out.run.len;
         if visible != 0 {
@@ -69,10 +77,10 @@ impl WideProjector<'_> {
                 |form| form.to_bitmask() as u32,
             );
             let forms = [points, !(points | exacts), exacts];
-            for (count, form) in out.forms.iter_mut().zip(forms) {
+            for (count, form) in out.tally.forms.iter_mut().zip(forms) {
                 *count += (form & visible).count_ones();
             }
-            let drawn = Drawn { visible, exact, forms, distance, slope, edges: [left, top, right, bottom] };
+            let drawn = Drawn { visible, exact, forms, distance, slope, edges };
             self.write(simd, drawn, (placed, footprints, looks), out);
             if range.is_surface {
                 self.write_samples(simd, (range, first, visible), looks.normal, (start, out.samples));
