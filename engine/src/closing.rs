@@ -114,6 +114,7 @@ pub(crate) fn share_of_box<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
 
 /// See [`Slabs::are_level`]; in tolerances.
 const LEVEL: f32 = 2.5;
+const WEIGHT: f32 = 10.0;
 
 /// Slabs go by the clouds with the smallest kernels, down to this share of the largest: a kernel that touches ten thousand slabs
 /// would take as long as a thousand that touch one or two each.
@@ -298,8 +299,14 @@ impl Slabs {
     /// 0.8 times that part of a kernel, of either sign, then lies in the neighbouring slab. A slab shows that by its optical depth, and
     /// what its kernels move to and fro cancels where their places are even.
     #[inline(always)]
-    pub(crate) fn are_level<S: Simd, F: Floats<S>>(&self, simd: S, deviation: F, inverse: F) -> F::Mask {
-        (deviation * inverse).simd_le(F::simd_from(simd, self.level * BOX))
+    pub(crate) fn are_level<S: Simd, F: Floats<S>>(
+        &self,
+        simd: S,
+        [deviation, inverse]: [F; 2],
+        optical_depth: F,
+    ) -> F::Mask {
+        let weight = (optical_depth * WEIGHT).min(F::simd_from(simd, 1.0));
+        (deviation * inverse * weight).simd_le(F::simd_from(simd, self.level * BOX))
     }
 
     /// How far a slab begins.

@@ -4,6 +4,7 @@ use super::sums::MOST_OPEN;
 use crate::closing::Closing;
 use crate::footprint::Record;
 use crate::raster::{BATCH, SlabColumns};
+use crate::simd::Simd;
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -34,8 +35,10 @@ impl Coming {
     }
 
     /// Takes the next records of a list, as many as go together; false if there is none.
-    pub(super) fn gather(
+    #[inline(always)]
+    pub(super) fn gather<S: Simd>(
         &mut self,
+        simd: S,
         list: &mut std::slice::Iter<AtomicU32>,
         (all, closing): (&[Record], Closing),
         slabs: &mut SlabColumns,
@@ -54,7 +57,7 @@ impl Coming {
         for (place, record) in records.iter().enumerate() {
             [ends[0][place], ends[1][place]] = slabs_of(*record);
         }
-        if pieces.is_empty() && slabs.set_whole(records.len(), &ends, MOST_OPEN) {
+        if pieces.is_empty() && slabs.set_whole(simd, &ends, MOST_OPEN) {
             *list = list.as_slice()[records.len()..].iter();
             return !records.is_empty();
         }

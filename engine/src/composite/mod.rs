@@ -141,7 +141,7 @@ impl Compositor<'_> {
             let mut used = 0;
             while used < GROUP
                 && open & seeing != 0
-                && coming.gather(&mut list, (self.records, self.lens.closing), &mut batches[used].slabs)
+                && coming.gather(simd, &mut list, (self.records, self.lens.closing), &mut batches[used].slabs)
             {
                 apart(
                     simd,

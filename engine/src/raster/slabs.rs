@@ -71,17 +71,21 @@ impl SlabColumns {
     };
 
     /// Takes in records as a whole that reach from their first to their last slabs; false if one touches more than `most`.
-    pub(crate) fn set_whole(&mut self, count: usize, [first, last]: &[Column; 2], most: u32) -> bool {
-        let reach = |place: usize| last[place] - first[place];
-        // Numbers of slabs are whole and exact.
-        if (0..count).any(|place| reach(place) >= most as f32) {
-            return false;
+    #[inline(always)]
+    pub(crate) fn set_whole<S: Simd>(&mut self, simd: S, [firsts, lasts]: &[Column; 2], most: u32) -> bool {
+        let (one, most) = (W::simd_from(simd, 1.0), W::simd_from(simd, most as f32));
+        let (mut narrow, mut wide) = (0, 0);
+        for start in (0..BATCH).step_by(16) {
+            let (first, last) = (sixteen(simd, firsts, start), sixteen(simd, lasts, start));
+            // Numbers of slabs are whole and exact.
+            let reach = last - first;
+            narrow |= reach.simd_le(one).to_bitmask() << start;
+            wide |= reach.simd_ge(most).to_bitmask();
+            first.to_int::<u32x16<S>>().store_slice(&mut self.first[start..start + 16]);
+            last.to_int::<u32x16<S>>().store_slice(&mut self.last[start..start + 16]);
         }
-        self.narrow =
-            (0..BATCH).map(|place| u64::from(reach(place) <= 1.0) << place).fold(0, |set, own| set | own);
-        (self.first, self.last) = (first.map(|slab| slab as u32), last.map(|slab| slab as u32));
-        (self.begin, self.end) = (u64::MAX, u64::MAX);
-        true
+        (self.narrow, self.begin, self.end) = (narrow, u64::MAX, u64::MAX);
+        wide == 0
     }
 
     /// Takes in a piece of a record that reaches from its first to its last slab.
@@ -180,7 +184,8 @@ impl Kernels {
         let x = slope[0] * reciprocal(simd, a);
         let y = (slope[1] - b * x) * reciprocal(simd, c);
         let deviation = x.mul_add(x, y * y).sqrt() * ROOT_HALF_LOG2_E;
-        let level = slabs.are_level(simd, deviation, inverse).to_bitmask() << first;
+        let amplitude = sixteen(simd, &self.amplitude, first);
+        let level = slabs.are_level(simd, [deviation, inverse], amplitude).to_bitmask() << first;
         self.prepare_level(simd, slabs, (first, level));
     }
 
