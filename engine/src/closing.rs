@@ -112,9 +112,9 @@ pub(crate) fn share_of_box<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
     x.mul_add(F::simd_from(simd, 1.0 / BOX), half).max(zero).min(one)
 }
 
-/// See [`Slabs::are_level`]; in tolerances.
+/// See [`Slabs::are_level`]; in tolerances, for optical depths from a tenth up, and for smaller ones that times a tenth over them.
 const LEVEL: f32 = 2.5;
-const WEIGHT: f32 = 10.0;
+const LEAST_STEEP: f32 = 0.1;
 
 /// Slabs go by the clouds with the smallest kernels, down to this share of the largest: a kernel that touches ten thousand slabs
 /// would take as long as a thousand that touch one or two each.
@@ -296,8 +296,9 @@ impl Slabs {
     /// Which kernels share a box out alike at all their pixels: those whose distances have a standard deviation, over the footprint, of a
     /// small part of the box.
     ///
-    /// 0.8 times that part of a kernel, of either sign, then lies in the neighbouring slab. A slab shows that by its optical depth, and
-    /// what its kernels move to and fro cancels where their places are even.
+    /// 0.8 times that part of a kernel, of either sign, then lies in the neighbouring slab: of its optical depth at most a fifth of the
+    /// tolerance, or 2 % where it is above a tenth. A slab shows that by its own optical depth, and what its kernels move to and fro cancels
+    /// where their places are even.
     #[inline(always)]
     pub(crate) fn are_level<S: Simd, F: Floats<S>>(
         &self,
@@ -305,7 +306,7 @@ impl Slabs {
         [deviation, inverse]: [F; 2],
         optical_depth: F,
     ) -> F::Mask {
-        let weight = (optical_depth * WEIGHT).min(F::simd_from(simd, 1.0));
+        let weight = (optical_depth * (1.0 / LEAST_STEEP)).min(F::simd_from(simd, 1.0));
         (deviation * inverse * weight).simd_le(F::simd_from(simd, self.level * BOX))
     }
 

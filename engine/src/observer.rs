@@ -52,7 +52,7 @@ pub struct Counts {
     pub splats: u64,
     /// Splats, of whatever level of detail, that were not projected because their clusters lie outside the picture.
     pub culled: u64,
-    /// Splats, of whatever level of detail, that were not projected because their clusters are hidden.
+    /// Splats, of whatever level of detail, that were left out because they are hidden: whole clusters, and kernels behind surfaces.
     pub occluded: u64,
     /// Splats whose footprint touches the picture.
     pub visible: u64,

@@ -141,7 +141,14 @@ impl Compositor<'_> {
             let mut used = 0;
             while used < GROUP
                 && open & seeing != 0
-                && coming.gather(simd, &mut list, (self.records, self.lens.closing), &mut batches[used].slabs)
+                && apart(
+                    simd,
+                    #[inline(always)]
+                    || {
+                        let all = (self.records, self.lens.closing);
+                        coming.gather(simd, &mut list, all, &mut batches[used].slabs)
+                    },
+                )
             {
                 apart(
                     simd,

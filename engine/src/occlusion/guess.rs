@@ -58,18 +58,17 @@ impl Guess {
         &self,
         (scene, sight, spent): (&Scene, &Sight, f64),
         kind: usize,
-        (ranges, bounds, chosen): (&[VisibleRange], &[Bounds], &[u32]),
+        ranges: &[VisibleRange],
     ) -> bool {
         let mut is_touched = vec![false; self.tiles.len()];
         let mut sum = 0.0;
-        for rank in chosen.iter().step_by(PROBED) {
-            let (range, bounds) = (&ranges[*rank as usize], &bounds[*rank as usize]);
+        for range in ranges.iter().step_by(PROBED) {
             let cloud = &scene.clouds[range.cloud];
             sum += match kind {
                 0 => Facing::new(sight, cloud, range).area(range, spent),
                 _ => optical_area(sight, cloud, range) / -spent.ln(),
             };
-            let [columns, rows] = squares(&bounds.pixels, self.side);
+            let [columns, rows] = squares(&Bounds::new(sight, range).pixels, self.side);
             for row in rows {
                 is_touched[row * self.columns[1]..][columns.clone()].fill(true);
             }

@@ -93,13 +93,18 @@ impl Occlusion {
             return;
         }
         let sight = visible.sight();
+        let view = (scene, &sight, settings.tolerance / 4.0);
+        self.guess.begin(&self.looked);
+        let may_hide = self.guess.may_hide(view, kind, ranges);
+        let has_cuts = kind == 1 && !visible.ranges[0].is_empty();
+        if !may_hide && !has_cuts {
+            return;
+        }
         ranges.par_iter().map(|range| Bounds::new(&sight, range)).collect_into_vec(&mut self.bounds);
-        if kind == 1 {
+        if has_cuts {
             self.leave_out_behind_cuts(visible);
         }
-        self.guess.begin(&self.looked);
-        let view = (scene, &sight, settings.tolerance / 4.0);
-        if !self.guess.may_hide(view, kind, (ranges, &self.bounds, &self.next)) {
+        if !may_hide {
             return;
         }
         let hidden = if kind == 0 {
