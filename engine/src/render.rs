@@ -24,7 +24,7 @@ use crate::resolve::Resolver;
 use crate::scene::{Baseline, RenderSettings, Scene};
 use crate::shade::Shader;
 use crate::simd::Level;
-use crate::tile::Tile;
+use crate::tile::{BLOCK_SIDE, Tile};
 use crate::validate::SceneError;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
@@ -204,7 +204,8 @@ impl Renderer {
         self.counts.clear();
         self.occlusion.begin(camera.size(), self.tile_side);
         let tiles = self.tiles(camera).iter().product();
-        self.cuts.clear(if self.visible.iter().any(Vec::is_empty) { 0 } else { tiles });
+        let kept = if self.visible.iter().any(Vec::is_empty) { 0 } else { tiles };
+        self.cuts.clear(kept, (self.tile_side / BLOCK_SIDE).pow(2));
         self.counts.clear();
         self.counts.resize_with(2 * tiles + self.lattice.tiles(), Default::default);
     }

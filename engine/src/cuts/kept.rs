@@ -6,8 +6,9 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Cuts lie in pieces of so many, which go from tile to tile: what one frame needs more in a tile another one needed elsewhere.
 const PIECE: usize = 16;
 
-/// The most pieces: 80 MiB. The cuts of tiles that find no room are made again.
-const MOST_PIECES: usize = (1 << 17) / PIECE;
+/// The most layers that are kept of a block of pixels, in the mean of a picture: 80 bytes a pixel. The cuts of tiles that find no room are
+/// made again.
+const MOST_LAYERS: usize = 2;
 
 type Piece = Box<[Cut; PIECE]>;
 
@@ -19,11 +20,12 @@ struct KeptTile {
     sums: Option<TileCuts>,
 }
 
-/// Pieces that are in no tile, and how many there are in all.
+/// Pieces that are in no tile, how many there are in all, and may be.
 #[derive(Default)]
 struct Pool {
     free: Vec<Piece>,
     count: usize,
+    most: usize,
 }
 
 /// The cuts of a picture.
@@ -34,12 +36,13 @@ pub(crate) struct KeptCuts {
 }
 
 impl KeptCuts {
-    /// Forgets what there is, for a picture of so many tiles.
-    pub(crate) fn clear(&mut self, tiles: usize) {
+    /// Forgets what there is, for a picture of so many tiles, each of so many blocks.
+    pub(crate) fn clear(&mut self, tiles: usize, blocks: usize) {
         let pool = self.pool.get_mut().unwrap_or_else(PoisonError::into_inner);
         for tile in &mut self.tiles {
             tile.get_mut().unwrap_or_else(PoisonError::into_inner).give_back(pool);
         }
+        pool.most = pool.count.max((MOST_LAYERS * tiles * blocks).div_ceil(PIECE));
         self.tiles.resize_with(tiles.max(self.tiles.len()), Mutex::default);
     }
 
@@ -86,12 +89,12 @@ impl Pool {
     /// Whether as many pieces are free, some of which may be new.
     fn has(&mut self, count: usize) -> bool {
         let missing = count.saturating_sub(self.free.len());
-        if missing > MOST_PIECES - self.count {
+        if missing > self.most - self.count {
             return false;
         }
         if missing > 0 {
             // An eighth more than there were: frames differ.
-            let new = missing.max(self.count / 8).min(MOST_PIECES - self.count);
+            let new = missing.max(self.count / 8).min(self.most - self.count);
             self.free.extend((0..new).map(|_| Box::new([Cut::NONE; PIECE])));
             self.count += new;
         }
@@ -126,7 +129,7 @@ mod tests {
     fn what_is_kept_comes_back() {
         let mut kept = KeptCuts::default();
         let mut found = cuts(7);
-        kept.clear(4);
+        kept.clear(4, 64);
         for (tile, count) in [(0, 1), (1, 100), (2, 0), (1, 33)] {
             kept.keep(tile, &cuts(count));
             assert_eq!(kept.restore(tile, &mut found), count > 0);
@@ -135,7 +138,7 @@ mod tests {
             }
         }
         assert!(!kept.restore(3, &mut found));
-        kept.clear(4);
+        kept.clear(4, 64);
         assert!(!kept.restore(1, &mut found));
         // Pieces of one tile serve another.
         let before = lock(&kept.pool).count;
@@ -146,15 +149,18 @@ mod tests {
 
     #[test]
     fn what_finds_no_room_is_not_kept() {
-        let mut pool = Pool::default();
-        assert!(pool.has(MOST_PIECES - 1) && pool.has(MOST_PIECES) && !pool.has(MOST_PIECES + 1));
-        assert_eq!((pool.count, pool.free.len()), (MOST_PIECES, MOST_PIECES));
-        let mut kept = KeptCuts { pool: Mutex::new(pool), ..KeptCuts::default() };
-        kept.clear(2);
-        kept.keep(0, &cuts(20));
-        lock(&kept.pool).free.truncate(1);
-        kept.keep(1, &cuts(17));
+        // Room for two layers of sixteen blocks: for two pieces.
+        let mut kept = KeptCuts::default();
+        kept.clear(2, 8);
         let mut found = Cuts::new();
+        kept.keep(0, &cuts(20));
+        kept.keep(1, &cuts(1));
         assert!(kept.restore(0, &mut found) && !kept.restore(1, &mut found));
+        kept.keep(0, &cuts(16));
+        kept.keep(1, &cuts(17));
+        assert!(kept.restore(0, &mut found) && !kept.restore(1, &mut found));
+        kept.keep(1, &cuts(16));
+        assert!(kept.restore(0, &mut found) && kept.restore(1, &mut found));
+        assert_eq!(lock(&kept.pool).count, 2);
     }
 }
