@@ -1,6 +1,6 @@
 //! Volume records to optical depths or opacities at the pixels of a block.
 
-use super::offsets::{Exact, HALF_LOG2_E, Plane};
+use super::offsets::{Exact, HALF_LOG2_E};
 use super::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
 use super::slabs::SlabColumns;
 use crate::camera::Projection;
@@ -74,6 +74,8 @@ pub(crate) struct Kernels {
     /// Where there are slabs.
     pub(crate) slabs: SlabColumns,
     is_taylor: bool,
+    /// Whether all are of kind `Opacity`: their polynomials end after the first term.
+    is_linear: bool,
     /// Those of kind `Opacity`.
     pub(super) opacities: u64,
     /// Those that lie wholly behind the near plane.
@@ -129,6 +131,7 @@ impl Kernels {
         plain: 0,
         slabs: SlabColumns::NONE,
         is_taylor: false,
+        is_linear: false,
         opacities: 0,
         whole: 0,
         rough: 0,
@@ -155,6 +158,7 @@ impl Kernels {
             self.amplitude[number] = record.amplitude;
             self.opacities |= u64::from(record.tag.kind == Kind::Opacity) << number;
         }
+        self.is_linear = self.opacities == self.outlines.all();
         self.outlines.prepare(simd, tile);
         let mut hidden = 0;
         for first in self.outlines.sixteens() {
@@ -289,7 +293,7 @@ impl Kernels {
         places
     }
 
-    /// 2^x down to where the kernel ends, 0 beyond.
+    /// 2^x down to where the kernel ends, 0 beyond and of NaN.
     #[inline(always)]
     pub(super) fn weight<S: Simd>(&self, simd: S, number: usize, exponent: W<S>) -> W<S> {
         exp2_from(simd, exponent, self.least[number])
@@ -335,10 +339,11 @@ impl Kernels {
         share: Option<W<S>>,
     ) -> W<S> {
         let offsets = self.outlines.offsets(simd, number, pixels);
-        let exponent = if !self.outlines.is_exact(number) {
+        // Of a batch all or none: a branch for each kernel is foreseen wrongly, which takes longer than the division.
+        let exponent = if self.outlines.exact == 0 {
             offsets.exponent
         } else {
-            Exact::new(simd, &offsets, &self.outlines.plane(number)).exponent
+            self.outlines.plane(number).exponent(simd, &offsets)
         };
         let mut w = self.weight(simd, number, exponent);
         if let Some(share) = share {
@@ -348,6 +353,9 @@ impl Kernels {
             #[inline(always)]
             |column| W::simd_from(simd, column[number]),
         );
+        if self.is_linear {
+            return w * first;
+        }
         w * w.mul_add(w.mul_add(third, second), first)
     }
 
@@ -375,8 +383,8 @@ impl Kernels {
     pub(crate) fn depth_at<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
         let offsets = self.outlines.offsets(simd, number, pixels);
         if !self.outlines.is_exact(number) {
-            let Plane { depth, slope, .. } = self.outlines.plane(number);
-            offsets.linear(simd, depth, slope)
+            let slope = [self.outlines.depth_slope[0][number], self.outlines.depth_slope[1][number]];
+            offsets.linear(simd, self.outlines.depth[number], slope)
         } else {
             Exact::new(simd, &offsets, &self.outlines.plane(number)).depth
         }
