@@ -15,7 +15,7 @@ mod sums;
 use crate::cloud::Cloud;
 use crate::columns::Kind;
 use crate::cuts::{Cut, Cuts, MAX_LAYERS};
-use crate::raster::{BATCH, Surfaces, Surfel, SurfelLens, Surfels};
+use crate::raster::{BATCH, Column, Surfaces, Surfel, SurfelLens, Surfels};
 use crate::simd::*;
 use crate::tile::{HALF_BLOCK, PIXELS, Plane, Tile, pixels};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -112,6 +112,17 @@ struct Search<S: Simd> {
     skipped: f32,
     /// Places in the list of first samples by which no limit has gone yet; [`u32::MAX`] where there are none.
     firsts: u32x16<S>,
+}
+
+/// What a block's search has found in a batch.
+#[derive(Clone, Copy)]
+struct Found<S: Simd> {
+    /// As those of [`Peel`] and [`Search`].
+    depth: W<S>,
+    firsts: u32x16<S>,
+    /// How many were listed, and which have nothing for this layer or any behind it.
+    count: usize,
+    gone: u64,
 }
 
 /// Turns a tile's surface records into cuts. Behind a transmittance of `spent` nothing is kept.
@@ -315,53 +326,79 @@ impl LayerBuilder<'_> {
         };
         rest[batch] &= !between.ahead;
         search.skipped = search.skipped.min(between.next);
-        let mut evaluated = 0;
-        let zero = W::simd_from(simd, 0.0);
-        // What every record may change is kept in registers.
-        let (mut depth, mut firsts) = (peel.depth, search.firsts);
-        let (first, mut count) = (listed.used, 0);
+        let first = listed.used;
         let room = listed.room(BATCH);
+        let mut found = Found { depth: peel.depth, firsts: search.firsts, count: 0, gone: 0 };
         // Those of one form together: no processor foresees which form comes next.
-        for mut set in surfels.by_form(between.within) {
-            while set != 0 {
-                let number = set.trailing_zeros() as usize % BATCH;
-                set &= set - 1;
-                evaluated += 1;
-                let surfel = surfels.get(number);
-                let sample = surfel.sample(simd, here.pixels, &self.lens);
-                let mut inside = sample.inside & search.is_open;
-                if search.is_behind {
-                    // What layers took without asking for spans is not taken again.
-                    inside &= sample.depth.simd_gt(peel.previous + surfel.least_reach);
-                    if inside.any_true() {
-                        let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
-                        inside &= spans.nearest.simd_gt(peel.previous);
+        for set in surfels.by_form(between.within) {
+            let set = (surfels, set, (batch as u32, first as u32));
+            let lists = (&nearest, &mut *room);
+            // A function of its own keeps what every record may change in registers.
+            found = apart(
+                simd,
+                #[inline(always)]
+                || {
+                    if search.is_behind {
+                        self.look_at::<S, true>(simd, (here, search.is_open, peel.previous), set, lists, found)
+                    } else {
+                        self.look_at::<S, false>(simd, (here, search.is_open, peel.previous), set, lists, found)
                     }
-                    if !inside.any_true() {
-                        // Nor is it of use to a later layer, which is farther.
-                        rest[batch] &= !(1 << number);
-                        continue;
-                    }
-                }
-                let weight = inside.select(surfel.weight(simd, &sample, &self.lens), zero);
-                let nearer = inside & sample.depth.simd_lt(depth);
-                depth = nearer.select(sample.depth, depth);
-                firsts = nearer.select(u32x16::simd_from(simd, (first + count) as u32), firsts);
-                let entry = &mut room[count % BATCH];
-                count += 1;
-                entry.depth.store(sample.depth);
-                entry.weight.store(weight);
-                (entry.batch, entry.number) = (batch as u32, number as u32);
-                entry.nearest = nearest[number];
-            }
+                },
+            );
         }
-        listed.used += count;
-        (peel.depth, search.firsts) = (depth, firsts);
+        rest[batch] &= !found.gone;
+        listed.used += found.count;
+        (peel.depth, search.firsts) = (found.depth, found.firsts);
         // While a pixel has found nothing there is no limit to what is looked at.
-        if !(search.is_open & depth.simd_eq(W::simd_from(simd, f32::INFINITY))).any_true() {
+        if !(search.is_open & found.depth.simd_eq(W::simd_from(simd, f32::INFINITY))).any_true() {
             self.limit(simd, (batches, here), (listed.all(), search), peel);
         }
-        evaluated
+        u64::from(between.within.count_ones())
+    }
+
+    /// Looks for first samples among a set of a batch's records, and lists them.
+    #[inline(always)]
+    fn look_at<S: Simd, const BEHIND: bool>(
+        &self,
+        simd: S,
+        (here, is_open, previous): (Here<S>, mask32x16<S>, W<S>),
+        (surfels, mut set, (batch, first)): (&Surfels, u64, (u32, u32)),
+        (nearest, room): (&Column, &mut [Listed]),
+        mut found: Found<S>,
+    ) -> Found<S> {
+        let zero = W::simd_from(simd, 0.0);
+        while set != 0 {
+            let number = set.trailing_zeros() as usize % BATCH;
+            set &= set - 1;
+            let surfel = surfels.get(number);
+            let sample = surfel.sample(simd, here.pixels, &self.lens);
+            let mut inside = sample.inside & is_open;
+            if BEHIND {
+                // What layers took without asking for spans is not taken again.
+                inside &= sample.depth.simd_gt(previous + surfel.least_reach);
+                if inside.any_true() {
+                    let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
+                    inside &= spans.nearest.simd_gt(previous);
+                }
+                if !inside.any_true() {
+                    // Nor is it of use to a later layer, which is farther.
+                    found.gone |= 1 << number;
+                    continue;
+                }
+            }
+            let weight = inside.select(surfel.weight(simd, &sample, &self.lens), zero);
+            let nearer = inside & sample.depth.simd_lt(found.depth);
+            found.depth = nearer.select(sample.depth, found.depth);
+            let place = u32x16::simd_from(simd, first + found.count as u32);
+            found.firsts = nearer.select(place, found.firsts);
+            let entry = &mut room[found.count % BATCH];
+            found.count += 1;
+            entry.depth.store(sample.depth);
+            entry.weight.store(weight);
+            (entry.batch, entry.number) = (batch, number as u32);
+            entry.nearest = nearest[number];
+        }
+        found
     }
 
     /// Where the layer ends, by the pixels' first samples since it was last asked.
