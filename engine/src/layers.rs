@@ -332,16 +332,17 @@ impl LayerBuilder<'_> {
         // Those of one form together: no processor foresees which form comes next.
         for set in surfels.by_form(between.within) {
             let set = (surfels, set, (batch as u32, first as u32));
-            let lists = (&nearest, &mut *room);
+            let pixels = (here, search.is_open, peel.previous);
+            let lists = (&nearest, &mut *room, found);
             // A function of its own keeps what every record may change in registers.
             found = apart(
                 simd,
                 #[inline(always)]
                 || {
                     if search.is_behind {
-                        self.look_at::<S, true>(simd, (here, search.is_open, peel.previous), set, lists, found)
+                        self.look_at::<S, true>(simd, pixels, set, lists)
                     } else {
-                        self.look_at::<S, false>(simd, (here, search.is_open, peel.previous), set, lists, found)
+                        self.look_at::<S, false>(simd, pixels, set, lists)
                     }
                 },
             );
@@ -363,8 +364,7 @@ impl LayerBuilder<'_> {
         simd: S,
         (here, is_open, previous): (Here<S>, mask32x16<S>, W<S>),
         (surfels, mut set, (batch, first)): (&Surfels, u64, (u32, u32)),
-        (nearest, room): (&Column, &mut [Listed]),
-        mut found: Found<S>,
+        (nearest, room, mut found): (&Column, &mut [Listed], Found<S>),
     ) -> Found<S> {
         let zero = W::simd_from(simd, 0.0);
         while set != 0 {

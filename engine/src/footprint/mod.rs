@@ -22,7 +22,7 @@ use crate::simd::Level;
 use rayon::prelude::*;
 use scalar::{Projector, View};
 use std::sync::atomic::AtomicU32;
-use wide::WideProjector;
+use wide::{Blocks, WideProjector};
 
 /// Mass outside r ≤ ρ is e^{−ρ/2} of the whole; what is kept is raised to carry it.
 pub(crate) fn cutoff_gain(cutoff: f64) -> f64 {
@@ -51,8 +51,8 @@ struct Projected {
 
 /// The records of a frame's volumes, or of its surfaces; parallel arrays.
 ///
-/// Every few visible ranges have as many places as splats of theirs are drawn at most, of which the first are taken: so they are
-/// projected side by side, and the places say the same for any number of threads.
+/// First it is found which blocks of each visible range are projected. Every few ranges have as many places as these have splats, of which
+/// the first are taken: so they are projected side by side, and the places say the same for any number of threads.
 #[derive(Default)]
 pub(crate) struct Records {
     pub(crate) records: Vec<Record>,
@@ -65,9 +65,9 @@ pub(crate) struct Records {
     pub(crate) runs: Vec<Run>,
     /// By range.
     tallies: Vec<Tally>,
-    /// How many places ranges have that are projected together.
-    places: Vec<usize>,
-    /// How many places ranges have so far.
+    /// What is projected of each range.
+    blocks: Vec<Blocks>,
+    /// How many places there are so far.
     used: usize,
 }
 
@@ -168,15 +168,14 @@ impl Records {
 
     /// Projects those of a scene's ranges that are `chosen`, behind what there is; runs come in the same order.
     pub(crate) fn append(&mut self, view: &SceneView, ranges: &[VisibleRange], chosen: &[u32]) {
-        let drawn = |rank: &u32| {
+        let blocks = |rank: &u32| {
             let range = &ranges[*rank as usize];
-            range.count(view.scene.clouds[range.cloud].levels())
+            WideProjector::new(&view.projector(range)).blocks(view.level, range)
         };
-        let together = chosen.par_chunks(RANGES_TOGETHER);
-        let places = |together: &[u32]| together.iter().map(drawn).sum::<usize>() + LANES;
-        together.clone().map(places).collect_into_vec(&mut self.places);
+        chosen.par_iter().with_min_len(RANGES_TOGETHER).map(blocks).collect_into_vec(&mut self.blocks);
+        let places = |blocks: &[Blocks]| blocks.iter().map(|blocks| blocks.count).sum::<usize>() + LANES;
         let (begin, start) = (self.runs.len(), self.used);
-        self.used += self.places.iter().sum::<usize>();
+        self.used += self.blocks.chunks(RANGES_TOGETHER).map(places).sum::<usize>();
         // Volumes have no samples.
         let samples = if ranges.iter().any(|range| range.is_surface) { self.used } else { 0 };
         grow(&mut self.records, self.used, || Record::BLANK);
@@ -192,18 +191,21 @@ impl Records {
             distances: &mut self.distances[start..],
             samples: self.samples.get_mut(start..).unwrap_or_default(),
         };
-        let slots: Vec<Slots> = self.places.iter().map(|count| rest.split(*count)).collect();
+        let together = self.blocks.chunks(RANGES_TOGETHER);
+        let slots: Vec<Slots> = together.map(|blocks| rest.split(places(blocks))).collect();
+        let together = chosen.par_chunks(RANGES_TOGETHER).zip(self.blocks.par_chunks(RANGES_TOGETHER));
         let runs = self.runs[begin..].par_chunks_mut(RANGES_TOGETHER);
         let tallies = self.tallies[begin..].par_chunks_mut(RANGES_TOGETHER);
         slots.into_par_iter().zip(together).zip(runs.zip(tallies)).for_each(
-            |((mut slots, together), (runs, tallies))| {
-                for ((rank, run), tally) in together.iter().zip(runs).zip(tallies) {
+            |((mut slots, (ranks, blocks)), (runs, tallies))| {
+                for (((rank, blocks), run), tally) in ranks.iter().zip(blocks).zip(runs).zip(tallies) {
                     *run = Run::new(slots.start);
+                    tally.behind_cuts = blocks.behind_cuts;
                     let Slots { records, rects, distances, samples, .. } = &mut slots;
                     let range = &ranges[*rank as usize];
                     let projector = view.projector(range);
                     let mut places = Places { records, rects, distances, samples, run, tally };
-                    WideProjector::new(&projector).project(view.level, range, &mut places);
+                    WideProjector::new(&projector).project(view.level, (range, blocks), &mut places);
                     slots.split(run.len);
                 }
             },

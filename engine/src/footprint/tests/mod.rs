@@ -38,7 +38,8 @@ fn wide(level: Level, projector: &Projector, range: &VisibleRange) -> Vec<Option
             };
             let mut range = range.clone();
             range.splats = 0..count;
-            wide.project(level, &range, &mut places);
+            let blocks = wide.blocks(level, &range);
+            wide.project(level, (&range, &blocks), &mut places);
             let is_new = run.len > std::mem::replace(&mut before, run.len);
             is_new.then(|| {
                 let last = run.len - 1;

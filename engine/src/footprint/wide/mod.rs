@@ -2,6 +2,7 @@
 //!
 //! A kernel that reaches the camera plane, or has no area that f32 can hold, is left to [`super::scalar`].
 
+mod blocks;
 mod forms;
 mod geometry;
 mod hidden;
@@ -14,8 +15,9 @@ use crate::camera::Projection;
 use crate::columns::{self, Factors, LANES, Lanes};
 use crate::cull::VisibleRange;
 use crate::simd::*;
+pub(super) use blocks::Blocks;
 use geometry::Placed;
-use glam::DMat3;
+use glam::{DMat3, Vec3};
 use hidden::Hiding;
 
 /// What the splats of a cloud share, in f32.
@@ -103,17 +105,19 @@ impl<'a> WideProjector<'a> {
         }
     }
 
-    /// Projects a range whose first splat begins a block, with the instructions of a level.
+    /// Projects blocks of a range, with the instructions of a level.
     #[inline(never)]
-    pub(super) fn project(&self, level: Level, range: &VisibleRange, out: &mut Places) {
+    pub(super) fn project(&self, level: Level, (range, blocks): (&VisibleRange, &Blocks), out: &mut Places) {
         if self.is_even {
             // Compiled for both.
             match Hiding::new(self, range) {
-                Some(hiding) => dispatch!(level, simd => self.project_wide(simd, range, Some(&hiding), out)),
-                None => dispatch!(level, simd => self.project_wide(simd, range, None, out)),
+                Some(hiding) => {
+                    dispatch!(level, simd => self.project_wide(simd, (range, blocks), Some(&hiding), out));
+                }
+                None => dispatch!(level, simd => self.project_wide(simd, (range, blocks), None, out)),
             }
         } else {
-            for first in range.splats.clone().step_by(LANES) {
+            for first in blocks.each(range) {
                 let chosen = range.chosen(self.scalar.levels, first);
                 (0..LANES)
                     .filter(|lane| chosen >> lane & 1 != 0)
@@ -126,44 +130,24 @@ impl<'a> WideProjector<'a> {
     fn project_wide<S: Simd>(
         &self,
         simd: S,
-        range: &VisibleRange,
+        (range, blocks): (&VisibleRange, &Blocks),
         hiding: Option<&Hiding>,
         out: &mut Places,
     ) {
-        let origin = self.scalar.cloud_to_camera.transform_point3(range.center.as_dvec3()).as_vec3();
+        let from = self.from(range);
         let eye = self.scalar.camera_to_cloud.translation - range.center.as_dvec3();
         let mut ends = [f32::INFINITY, f32::NEG_INFINITY].each(
             #[inline(always)]
             |end| splat(simd, end),
         );
-        let is_inside = self.scalar.view.frustum.is_between_sides(range.center_in_camera, range.reach);
-        let reach = self.reach(range);
-        for first in range.splats.clone().step_by(LANES) {
+        for first in blocks.each(range) {
             let chosen = range.chosen(self.scalar.levels, first);
-            if chosen == 0 {
-                continue;
-            }
-            let center = self.scalar.columns.centers.block(first / LANES);
-            let from_middle = [0, 1, 2].each(
-                #[inline(always)]
-                |i| V::simd_from(simd, center[i]) - range.center.to_array()[i],
-            );
+            let block = first / LANES;
+            let (placed, from_middle) = self.placed(simd, block, from);
             let towards = [0, 1, 2].each(
                 #[inline(always)]
                 |i| from_middle[i] - eye.to_array()[i] as f32,
             );
-            let block = first / LANES;
-            let placed = self.place(simd, origin, from_middle);
-            if !is_inside && self.is_beside(simd, &placed, reach) {
-                continue;
-            }
-            if hiding.is_some_and(
-                #[inline(always)]
-                |hiding| hiding.hides_block(simd, self, &placed),
-            ) {
-                out.tally.behind_cuts += chosen.count_ones();
-                continue;
-            }
             let half_axes = self.half_axes(simd, block);
             if self.is_closed && self.all_face_away(simd, &placed, &half_axes) {
                 continue;
@@ -178,6 +162,23 @@ impl<'a> WideProjector<'a> {
         out.run.include([ends[0].reduce_min(), ends[1].reduce_max()]);
     }
 
+    /// The middle of a range in camera space and in cloud space.
+    fn from(&self, range: &VisibleRange) -> [Vec3; 2] {
+        let origin = self.scalar.cloud_to_camera.transform_point3(range.center.as_dvec3());
+        [origin.as_vec3(), range.center]
+    }
+
+    /// A block of a range, and where its splats are from the range's middle.
+    #[inline(always)]
+    fn placed<S: Simd>(&self, simd: S, block: usize, [origin, middle]: [Vec3; 2]) -> (Placed<S>, V3<S>) {
+        let center = self.scalar.columns.centers.block(block);
+        let from_middle = [0, 1, 2].each(
+            #[inline(always)]
+            |i| V::simd_from(simd, center[i]) - middle.to_array()[i],
+        );
+        (self.place(simd, origin, from_middle), from_middle)
+    }
+
     /// How far splats of a range reach beyond the picture's sides, in every form: the affine one is as wide as if all of a splat
     /// were as near as its centre, longer by the length of the ray. And what rounding may move them by.
     fn reach(&self, range: &VisibleRange) -> f32 {
@@ -185,22 +186,6 @@ impl<'a> WideProjector<'a> {
         let farthest = center.length() + radius;
         let longest_ray = if self.perspective { farthest / (center.z - radius).max(0.0) } else { 1.0 };
         ((range.reach - radius) * longest_ray + 1e-5 * farthest) as f32
-    }
-
-    /// Whether a block's splats, which reach so far at most, lie beside the picture.
-    #[inline(always)]
-    fn is_beside<S: Simd>(&self, simd: S, placed: &Placed<S>, reach: f32) -> bool {
-        let [x, y, z] = placed.center;
-        let end = splat(simd, -reach);
-        let [[left, right], [top, bottom]] = self.sides;
-        let outside = [(x, left), (x, right), (y, top), (y, bottom)].each(
-            #[inline(always)]
-            |(across, [a, b, c])| {
-                across.mul_add(splat(simd, a), z.mul_add(splat(simd, b), splat(simd, c))).simd_lt(end)
-            },
-        );
-        // Where numbers are none nothing is left out.
-        (outside[0] | outside[1] | outside[2] | outside[3]).all_true()
     }
 
     /// Whether surfels show their backs, all of a block.
