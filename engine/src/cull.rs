@@ -80,6 +80,11 @@ impl VisibleRange {
         self.choice.map_or(valid, |choice| valid & choice.of(&levels[self.level..], first))
     }
 
+    /// Whether all are drawn.
+    pub(crate) fn is_chosen_whole(&self) -> bool {
+        self.choice.is_none()
+    }
+
     /// The scene-wide number of a splat; of one that stands for others the first one's.
     #[inline(always)]
     pub(crate) fn id(&self, index: usize) -> u32 {

@@ -168,8 +168,13 @@ impl Records {
 
     /// Projects those of a scene's ranges that are `chosen`, behind what there is; runs come in the same order.
     pub(crate) fn append(&mut self, view: &SceneView, ranges: &[VisibleRange], chosen: &[u32]) {
+        let frustum = Frustum::new(view.camera);
         let blocks = |rank: &u32| {
             let range = &ranges[*rank as usize];
+            let is_inside = frustum.is_between_sides(range.center_in_camera, range.reach);
+            if is_inside && range.is_chosen_whole() && (range.is_surface || view.looked.is_none()) {
+                return Blocks::all(range);
+            }
             WideProjector::new(&view.projector(range)).blocks(view.level, range)
         };
         chosen.par_iter().with_min_len(RANGES_TOGETHER).map(blocks).collect_into_vec(&mut self.blocks);

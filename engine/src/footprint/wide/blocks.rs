@@ -22,6 +22,14 @@ pub(crate) struct Blocks {
 }
 
 impl Blocks {
+    /// All blocks of a range whose splats are all drawn.
+    pub(crate) fn all(range: &VisibleRange) -> Self {
+        let count = range.splats.len();
+        let blocks = count.div_ceil(LANES) as u32;
+        let set = Set::MAX.checked_shr(Set::BITS - blocks).unwrap_or(0);
+        Self { set, count, behind_cuts: 0 }
+    }
+
     /// The first splats of the blocks of a range.
     #[inline(always)]
     pub(super) fn each(&self, range: &VisibleRange) -> impl Iterator<Item = usize> + use<> {
