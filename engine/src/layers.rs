@@ -330,23 +330,14 @@ impl LayerBuilder<'_> {
         let room = listed.room(BATCH);
         let mut found = Found { depth: peel.depth, firsts: search.firsts, count: 0, gone: 0 };
         // Those of one form together: no processor foresees which form comes next.
-        for set in surfels.by_form(between.within) {
-            let set = (surfels, set, (batch as u32, first as u32));
-            let pixels = (here, search.is_open, peel.previous);
-            let lists = (&nearest, &mut *room, found);
-            // A function of its own keeps what every record may change in registers.
-            found = apart(
-                simd,
-                #[inline(always)]
-                || {
-                    if search.is_behind {
-                        self.look_at::<S, true>(simd, pixels, set, lists)
-                    } else {
-                        self.look_at::<S, false>(simd, pixels, set, lists)
-                    }
-                },
-            );
-        }
+        let sets = (surfels, surfels.by_form(between.within), (batch as u32, first as u32));
+        let block = (here, search.is_open, peel.previous);
+        // Compiled for both: what layers behind the first need takes registers.
+        found = if search.is_behind {
+            self.look_at::<S, true>(simd, block, sets, (&nearest, room, found))
+        } else {
+            self.look_at::<S, false>(simd, block, sets, (&nearest, room, found))
+        };
         rest[batch] &= !found.gone;
         listed.used += found.count;
         (peel.depth, search.firsts) = (found.depth, found.firsts);
@@ -357,46 +348,48 @@ impl LayerBuilder<'_> {
         u64::from(between.within.count_ones())
     }
 
-    /// Looks for first samples among a set of a batch's records, and lists them.
+    /// Looks for first samples among sets of a batch's records, and lists them.
     #[inline(always)]
     fn look_at<S: Simd, const BEHIND: bool>(
         &self,
         simd: S,
         (here, is_open, previous): (Here<S>, mask32x16<S>, W<S>),
-        (surfels, mut set, (batch, first)): (&Surfels, u64, (u32, u32)),
+        (surfels, sets, (batch, first)): (&Surfels, [u64; 2], (u32, u32)),
         (nearest, room, mut found): (&Column, &mut [Listed], Found<S>),
     ) -> Found<S> {
         let zero = W::simd_from(simd, 0.0);
-        while set != 0 {
-            let number = set.trailing_zeros() as usize % BATCH;
-            set &= set - 1;
-            let surfel = surfels.get(number);
-            let sample = surfel.sample(simd, here.pixels, &self.lens);
-            let mut inside = sample.inside & is_open;
-            if BEHIND {
-                // What layers took without asking for spans is not taken again.
-                inside &= sample.depth.simd_gt(previous + surfel.least_reach);
-                if inside.any_true() {
-                    let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
-                    inside &= spans.nearest.simd_gt(previous);
+        for mut set in sets {
+            while set != 0 {
+                let number = set.trailing_zeros() as usize % BATCH;
+                set &= set - 1;
+                let surfel = surfels.get(number);
+                let sample = surfel.sample(simd, here.pixels, &self.lens);
+                let mut inside = sample.inside & is_open;
+                if BEHIND {
+                    // What layers took without asking for spans is not taken again.
+                    inside &= sample.depth.simd_gt(previous + surfel.least_reach);
+                    if inside.any_true() {
+                        let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
+                        inside &= spans.nearest.simd_gt(previous);
+                    }
+                    if !inside.any_true() {
+                        // Nor is it of use to a later layer, which is farther.
+                        found.gone |= 1 << number;
+                        continue;
+                    }
                 }
-                if !inside.any_true() {
-                    // Nor is it of use to a later layer, which is farther.
-                    found.gone |= 1 << number;
-                    continue;
-                }
+                let weight = inside.select(surfel.weight(simd, &sample, &self.lens), zero);
+                let nearer = inside & sample.depth.simd_lt(found.depth);
+                found.depth = nearer.select(sample.depth, found.depth);
+                let place = u32x16::simd_from(simd, first + found.count as u32);
+                found.firsts = nearer.select(place, found.firsts);
+                let entry = &mut room[found.count % BATCH];
+                found.count += 1;
+                entry.depth.store(sample.depth);
+                entry.weight.store(weight);
+                (entry.batch, entry.number) = (batch, number as u32);
+                entry.nearest = nearest[number];
             }
-            let weight = inside.select(surfel.weight(simd, &sample, &self.lens), zero);
-            let nearer = inside & sample.depth.simd_lt(found.depth);
-            found.depth = nearer.select(sample.depth, found.depth);
-            let place = u32x16::simd_from(simd, first + found.count as u32);
-            found.firsts = nearer.select(place, found.firsts);
-            let entry = &mut room[found.count % BATCH];
-            found.count += 1;
-            entry.depth.store(sample.depth);
-            entry.weight.store(weight);
-            (entry.batch, entry.number) = (batch, number as u32);
-            entry.nearest = nearest[number];
         }
         found
     }
