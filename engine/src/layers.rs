@@ -10,14 +10,16 @@
 //! Records come roughly from near to far, in sixteens of neighbours, so that a block that is covered soon doesn't even look
 //! at most of them.
 
+mod list;
 mod sums;
 
 use crate::cloud::Cloud;
 use crate::columns::Kind;
 use crate::cuts::{Cut, Cuts, MAX_LAYERS};
-use crate::raster::{BATCH, Column, Surfaces, Surfel, SurfelLens, Surfels};
+use crate::raster::{BATCH, Column, Surfaces, SurfelLens, Surfels};
 use crate::simd::*;
-use crate::tile::{HALF_BLOCK, PIXELS, Plane, Tile, pixels};
+use crate::tile::{HALF_BLOCK, PIXELS, Tile, pixels};
+use list::{List, Listed};
 use std::sync::atomic::{AtomicU32, Ordering};
 use sums::{SeenThrough, Sums};
 
@@ -59,45 +61,6 @@ pub(crate) struct LayerBuffers {
     rest: Vec<u64>,
     /// Those that the layer may have samples of.
     listed: List,
-}
-
-/// Records of a block. There is room before a batch comes: in a loop in which it might grow nothing would stay in registers.
-#[derive(Default)]
-struct List {
-    /// Behind those that are used there is old content.
-    room: Vec<Listed>,
-    used: usize,
-}
-
-impl List {
-    /// Room for as many more.
-    #[inline(always)]
-    fn room(&mut self, count: usize) -> &mut [Listed] {
-        if self.used + count > self.room.len() {
-            self.room.resize(self.used + count, Listed::NONE);
-        }
-        &mut self.room[self.used..][..count]
-    }
-
-    #[inline(always)]
-    fn all(&self) -> &[Listed] {
-        &self.room[..self.used]
-    }
-}
-
-/// A record of a block and its samples, which are taken once a layer.
-#[derive(Clone, Copy)]
-#[repr(C, align(64))]
-struct Listed {
-    /// z of the samples.
-    depth: Plane,
-    /// Their weights; 0 where there is none behind the layers before.
-    weight: Plane,
-    /// Its place in the tile.
-    batch: u32,
-    number: u32,
-    /// Its spans begin behind this.
-    nearest: f32,
 }
 
 /// Where a layer is looked for.
@@ -521,15 +484,5 @@ impl LayerBuilder<'_> {
         peel.limit = peel.depth;
         (peel.record, peel.cloud) = (no_number, no_number);
         [found.any_true(), goes_on.any_true() && !peel.takes_all]
-    }
-}
-
-impl Listed {
-    const NONE: Self =
-        Self { depth: Plane::ZERO, weight: Plane::ZERO, batch: 0, number: 0, nearest: f32::INFINITY };
-
-    #[inline(always)]
-    fn of(self, batches: &[Surfels]) -> &Surfel {
-        batches[self.batch as usize].get(self.number as usize)
     }
 }
