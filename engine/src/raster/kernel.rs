@@ -1,6 +1,6 @@
 //! Volume records to optical depths or opacities at the pixels of a block.
 
-use super::offsets::{Exact, HALF_LOG2_E};
+use super::offsets::{Exact, HALF_LOG2_E, Plane};
 use super::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
 use super::slabs::SlabColumns;
 use crate::camera::Projection;
@@ -383,8 +383,8 @@ impl Kernels {
     pub(crate) fn depth_at<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
         let offsets = self.outlines.offsets(simd, number, pixels);
         if !self.outlines.is_exact(number) {
-            let slope = [self.outlines.depth_slope[0][number], self.outlines.depth_slope[1][number]];
-            offsets.linear(simd, self.outlines.depth[number], slope)
+            let Plane { depth, slope, .. } = self.outlines.plane(number);
+            offsets.linear(simd, depth, slope)
         } else {
             Exact::new(simd, &offsets, &self.outlines.plane(number)).depth
         }

@@ -36,8 +36,8 @@ impl<S: Simd> Offsets<S> {
 
 /// A record in the exact form at pixels.
 ///
-/// With t = 1 + ½gᵀu and s = (σ₀/d_z)², den = t² + s q: r = q/den, σ_z = σ₀/√den, z = d_z t/den. Where g and s are 0 this is the affine
-/// form's r.
+/// With κ = 1/d_z, t = 1 − κ·rise, den = t² + (κσ₀)² q: r = q/den, σ_z = σ₀/√den, z = (d_z − rise)/den. Where κ and σ₀ are 0 r
+/// is the affine form's.
 pub(crate) struct Exact<S: Simd> {
     /// −kr.
     pub(crate) exponent: W<S>,
@@ -52,9 +52,10 @@ pub(crate) struct Exact<S: Simd> {
 #[derive(Clone, Copy)]
 pub(crate) struct Plane {
     pub(crate) depth: f32,
-    /// ½g.
-    pub(crate) half_g: [f32; 2],
-    /// s/k.
+    pub(crate) slope: [f32; 2],
+    /// κ.
+    pub(crate) per_depth: f32,
+    /// (κσ₀)²/k.
     pub(crate) spread: f32,
 }
 
@@ -62,23 +63,21 @@ impl Plane {
     #[inline(always)]
     pub(crate) fn new(depth: f32, slope: [f32; 2], sigma_z: f32) -> Self {
         let per_depth = 1.0 / depth;
-        let half_g = slope.each(
-            #[inline(always)]
-            |slope| -slope * per_depth,
-        );
-        Self { depth, half_g, spread: (per_depth * sigma_z).powi(2) * (1.0 / HALF_LOG2_E) }
+        Self { depth, slope, per_depth, spread: (per_depth * sigma_z).powi(2) / HALF_LOG2_E }
     }
 
+    /// How much deeper than at the mean pixels are in the affine form, and den.
     #[inline(always)]
-    fn t_and_den<S: Simd>(&self, simd: S, offsets: &Offsets<S>) -> [W<S>; 2] {
-        let t = offsets.linear(simd, 1.0, self.half_g);
-        [t, (-offsets.exponent).mul_add(W::simd_from(simd, self.spread), t * t)]
+    fn rise_and_den<S: Simd>(&self, simd: S, offsets: &Offsets<S>) -> [W<S>; 2] {
+        let rise = offsets.linear(simd, 0.0, self.slope);
+        let t = W::simd_from(simd, 1.0) - rise * self.per_depth;
+        [rise, (-offsets.exponent).mul_add(W::simd_from(simd, self.spread), t * t)]
     }
 
     /// −kr alone; NaN, perhaps, in the camera plane and infinitely far from it.
     #[inline(always)]
     pub(crate) fn exponent<S: Simd>(&self, simd: S, offsets: &Offsets<S>) -> W<S> {
-        let [_, den] = self.t_and_den(simd, offsets);
+        let [_, den] = self.rise_and_den(simd, offsets);
         offsets.exponent * reciprocal(simd, den)
     }
 }
@@ -87,10 +86,15 @@ impl<S: Simd> Exact<S> {
     /// From where pixels are.
     #[inline(always)]
     pub(crate) fn new(simd: S, offsets: &Offsets<S>, plane: &Plane) -> Self {
-        let [t, den] = plane.t_and_den(simd, offsets);
+        let [rise, den] = plane.rise_and_den(simd, offsets);
         // In the camera plane there is no depth, but a number.
         let den = den.max(W::simd_from(simd, 1e-30)).min(W::simd_from(simd, 1e30));
         let per_den = reciprocal(simd, den);
-        Self { exponent: offsets.exponent * per_den, depth: t * plane.depth * per_den, den, per_den }
+        Self {
+            exponent: offsets.exponent * per_den,
+            depth: (W::simd_from(simd, plane.depth) - rise) * per_den,
+            den,
+            per_den,
+        }
     }
 }

@@ -23,8 +23,8 @@ pub(crate) struct Outlines {
     pub(crate) depth: Column,
     pub(crate) depth_slope: [Column; 2],
     pub(crate) sigma_z: Column,
-    /// ½g and (σ₀/d_z)²/k where any is in the exact form; 0 of the others.
-    half_g: [Column; 2],
+    /// 1/d_z and (σ₀/d_z)²/k where any is in the exact form; 0 of the others.
+    per_depth: Column,
     spread: Column,
     /// Those in the exact form, and the points.
     pub(crate) exact: u64,
@@ -77,7 +77,7 @@ impl Outlines {
         depth: [1.0; BATCH],
         depth_slope: [[0.0; BATCH]; 2],
         sigma_z: [0.0; BATCH],
-        half_g: [[0.0; BATCH]; 2],
+        per_depth: [0.0; BATCH],
         spread: [0.0; BATCH],
         exact: 0,
         points: 0,
@@ -143,13 +143,10 @@ impl Outlines {
     fn prepare_exact<S: Simd>(&mut self, simd: S, first: usize) {
         let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
         let exact = mask32x16::from_bitmask(simd, self.exact >> first);
-        let per_depth = one / exact.select(sixteen(simd, &self.depth, first), one);
-        for (half_g, slope) in self.half_g.iter_mut().zip(&self.depth_slope) {
-            let own = exact.select(-(sixteen(simd, slope, first) * per_depth), zero);
-            own.store_slice(&mut half_g[first..first + 16]);
-        }
-        let ratio = exact.select(sixteen(simd, &self.sigma_z, first) * per_depth, zero);
-        (ratio * ratio * (1.0 / HALF_LOG2_E)).store_slice(&mut self.spread[first..first + 16]);
+        let per_depth = exact.select(one / sixteen(simd, &self.depth, first), zero);
+        let ratio = exact.select(per_depth * sixteen(simd, &self.sigma_z, first), zero);
+        per_depth.store_slice(&mut self.per_depth[first..first + 16]);
+        (ratio * ratio / HALF_LOG2_E).store_slice(&mut self.spread[first..first + 16]);
     }
 
     /// How many there are.
@@ -179,8 +176,12 @@ impl Outlines {
     /// What the exact form needs of a record, where any is in it. Of one that isn't, what makes it affine.
     #[inline(always)]
     pub(crate) fn plane(&self, number: usize) -> Plane {
-        let half_g = [self.half_g[0][number], self.half_g[1][number]];
-        Plane { depth: self.depth[number], half_g, spread: self.spread[number] }
+        Plane {
+            depth: self.depth[number],
+            slope: [self.depth_slope[0][number], self.depth_slope[1][number]],
+            per_depth: self.per_depth[number],
+            spread: self.spread[number],
+        }
     }
 
     /// Where pixels are from the mean of a record.
@@ -234,13 +235,13 @@ struct Ellipses<S: Simd> {
 }
 
 impl<S: Simd> Ellipses<S> {
-    /// The ellipses of records in the exact form. With h = ½g, t = 1 + h·u and den = t² + s q,
+    /// The ellipses of records in the exact form. With κs the slope of t, and den = t² + (κσ₀)²q,
     ///
     /// ```text
-    /// q ≤ ρ den    is    uᵀAu − 2ρ h·u ≤ ρ,    A = (1 − ρs) Q − ρ hhᵀ
+    /// q ≤ ρ den    is    uᵀAu + 2ρκ s·u ≤ ρ,    A = (1 − ρ(κσ₀)²) Q − ρκ² ssᵀ
     /// ```
     ///
-    /// whose centre is ρA⁻¹h. Says which have none since A is not positive.
+    /// whose centre is −A⁻¹ρκs. Says which have none since A is not positive.
     #[inline(always)]
     fn make_exact(
         &mut self,
@@ -252,9 +253,13 @@ impl<S: Simd> Ellipses<S> {
         let one = W::simd_from(simd, 1.0);
         let end = self.end;
         let depth = sixteen(simd, &outlines.depth, first);
-        let [x, y] = sixteen_of(simd, &outlines.half_g, first);
-        // The end is kρ.
-        let share = (-end).mul_add(sixteen(simd, &outlines.spread, first), one);
+        let inverse_depth = one / depth;
+        let [x, y] = sixteen_of(simd, &outlines.depth_slope, first).each(
+            #[inline(always)]
+            |slope| slope * inverse_depth,
+        );
+        let spread = sixteen(simd, &outlines.sigma_z, first) * inverse_depth;
+        let share = one - spread * spread * end * (1.0 / HALF_LOG2_E);
         let [a, b, c] = self.root;
         let xx = (share * a).mul_sub(a, end * x * x);
         let xy = (share * a).mul_sub(b, end * x * y);
@@ -265,8 +270,8 @@ impl<S: Simd> Ellipses<S> {
             & xx.simd_gt(a * a * 0.01)
             & area.simd_gt(a * a * c * c * 0.01);
         let per_area = end / area;
-        let center = [yy.mul_sub(x, xy * y) * per_area, xx.mul_sub(y, xy * x) * per_area];
-        let own_end = end + end * (x.mul_add(center[0], y * center[1]));
+        let center = [xy.mul_sub(y, yy * x) * per_area, xy.mul_sub(x, xx * y) * per_area];
+        let own_end = end - end * (x.mul_add(center[0], y * center[1]));
         let own_a = xx.sqrt();
         let root = [own_a, xy / own_a, (area / xx).sqrt()];
         for (mean, center) in self.mean.iter_mut().zip(center) {

@@ -66,7 +66,6 @@ pub(crate) struct Surfel {
     /// √k M.
     root: [f32; 3],
     plane: Plane,
-    depth_slope: [f32; 2],
     sigma_z: f32,
     /// n·v over the coverage floor; negative where the front is seen.
     facing: f32,
@@ -81,14 +80,13 @@ pub(crate) struct Surfel {
     pub(crate) cloud: u32,
     /// How far its colour is from the tile's usual one, and whether it is.
     pub(crate) tint: [f32; 3],
-    pub(crate) normal: [f32; 3],
-    /// 1 − opacity.
-    pub(crate) clear: f32,
-    // Behind what padding may be copied with: read with a number just written it would wait until both are in the cache.
     pub(crate) is_tinted: bool,
     /// Whether its back is seen: that of a plane is the same wherever it is before the eye.
     pub(crate) faces_away: bool,
     is_exact: bool,
+    pub(crate) normal: [f32; 3],
+    /// 1 − opacity.
+    pub(crate) clear: f32,
 }
 
 /// A surface at pixels, seen by one splat.
@@ -115,8 +113,7 @@ impl Surfel {
     const NONE: Self = Self {
         mean: [0.0; 2],
         root: [1.0; 3],
-        plane: Plane { depth: 1.0, half_g: [0.0; 2], spread: 0.0 },
-        depth_slope: [0.0; 2],
+        plane: Plane { depth: 1.0, slope: [0.0; 2], per_depth: 1.0, spread: 0.0 },
         sigma_z: 0.0,
         facing: 0.0,
         facing_slope: [0.0; 2],
@@ -126,11 +123,11 @@ impl Surfel {
         index: 0,
         cloud: 0,
         tint: [0.0; 3],
-        normal: [0.0; 3],
-        clear: 0.0,
         is_tinted: false,
         faces_away: false,
         is_exact: false,
+        normal: [0.0; 3],
+        clear: 0.0,
     };
 
     /// A record, its sample, its number among all, and its cloud's depth tolerance, in a tile with a usual colour.
@@ -153,7 +150,6 @@ impl Surfel {
                 |root| root * ROOT_HALF_LOG2_E,
             ),
             plane: Plane::new(record.depth, record.depth_slope, record.sigma_z),
-            depth_slope: record.depth_slope,
             sigma_z: record.sigma_z,
             facing: record.amplitude,
             facing_slope: record.amplitude_slope_or_slabs,
@@ -169,11 +165,11 @@ impl Surfel {
                 #[inline(always)]
                 |i| record.color[i] - usual[i],
             ),
-            normal: sample.normal,
-            clear: 1.0 - sample.opacity,
             is_tinted: record.color != usual,
             faces_away: record.amplitude * record.depth > 0.0,
             is_exact: record.tag.form == Form::Exact,
+            normal: sample.normal,
+            clear: 1.0 - sample.opacity,
         }
     }
 
@@ -190,7 +186,7 @@ impl Surfel {
             let Exact { exponent, depth, per_den, .. } = Exact::new(simd, &offsets, &self.plane);
             (exponent, depth, Some(per_den))
         } else {
-            (offsets.exponent, offsets.linear(simd, self.plane.depth, self.depth_slope), None)
+            (offsets.exponent, offsets.linear(simd, self.plane.depth, self.plane.slope), None)
         };
         let (end, near) = (W::simd_from(simd, lens.end()), W::simd_from(simd, lens.near));
         Sample { inside: exponent.simd_ge(end) & depth.simd_gt(near), depth, exponent, per_den }
