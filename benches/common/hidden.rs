@@ -3,7 +3,7 @@
 use super::volumes::data;
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use oblate::engine::cloud::oblate_factor;
-use oblate::engine::{Cloud, Material, Shapes, Splats, Strength, Surface};
+use oblate::engine::{Closed, Cloud, Material, Shapes, Splats, Strength, Surface};
 use oblate::importers::{Content, OpenOptions, open};
 use oblate::surfels::{Density, SamplerSettings, sample};
 use std::f64::consts::PI;
@@ -36,7 +36,7 @@ fn sphere(radius: f32, color: [f32; 3]) -> Cloud {
             opacities: None,
             depth_tolerance: sigma,
             coverage_floor: 0.95,
-            closed: true,
+            closed: Closed::EVERYWHERE,
         }),
         colors: vec![color; count],
         harmonics: None,

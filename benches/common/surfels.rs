@@ -3,7 +3,7 @@
 use glam::Vec3;
 use oblate::chart::scenes::random::Random;
 use oblate::engine::cloud::oblate_factor;
-use oblate::engine::{Material, Shapes, Splats, Strength, Surface};
+use oblate::engine::{Closed, Material, Shapes, Splats, Strength, Surface};
 use std::f32::consts::{PI, TAU};
 
 pub(crate) fn torus_and_sphere(count: usize) -> Splats {
@@ -38,7 +38,7 @@ pub(crate) fn torus_and_sphere(count: usize) -> Splats {
             depth_tolerance: radius,
             // Wholly random places have holes.
             coverage_floor: 0.2,
-            closed: true,
+            closed: Closed::EVERYWHERE,
         }),
         centers,
         colors,

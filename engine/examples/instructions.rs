@@ -11,8 +11,8 @@ use glam::{DVec3, Mat3, Vec3};
 use oblate_engine::cloud::oblate_factor;
 use oblate_engine::simd::Level;
 use oblate_engine::{
-    Blend, Camera, Channels, Cloud, Counts, FootprintForm, Harmonics, Material, Observer, OpacityFilter,
-    Order, Pose, RenderSettings, Renderer, Scene, Shapes, Splats, Stage, Strength, Surface,
+    Blend, Camera, Channels, Closed, Cloud, Counts, FootprintForm, Harmonics, Material, Observer,
+    OpacityFilter, Order, Pose, RenderSettings, Renderer, Scene, Shapes, Splats, Stage, Strength, Surface,
 };
 use random::Random;
 use std::f32::consts::PI;
@@ -162,7 +162,7 @@ fn sphere() -> Cloud {
             opacities: None,
             depth_tolerance: 2.0 * sigma,
             coverage_floor: 0.5,
-            closed: true,
+            closed: Closed::EVERYWHERE,
         }),
         colors: vec![[0.5, 0.4, 0.3]; SURFELS],
         harmonics: None,

@@ -1,5 +1,6 @@
 //! Clouds cut by planes.
 
+use crate::closed::Closed;
 use crate::cloud::{Cloud, CloudError, Harmonics, Shapes, Splats, Strength, Surface};
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
 use rayon::prelude::*;
@@ -128,7 +129,7 @@ fn of_parts(splats: Splats, parts: &[(usize, Part)]) -> Splats {
         Strength::Surface(surface) => Strength::Surface(Surface {
             areas: shares(&surface.areas, f32::MAX, mass),
             opacities: surface.opacities.map(|values| parts.iter().map(|(i, _)| values[*i]).collect()),
-            closed: false,
+            closed: Closed::Nowhere,
             ..surface
         }),
     };
@@ -226,7 +227,7 @@ mod tests {
                 opacities: Some(vec![0.25, 0.5, 0.75]),
                 depth_tolerance: 0.1,
                 coverage_floor: 0.9,
-                closed: true,
+                closed: Closed::EVERYWHERE,
             }),
         ];
         for strength in strengths {
@@ -249,7 +250,7 @@ mod tests {
                 assert!((a[0] - b[0]).abs() < 2.0 * 1.6e-5 * 8.0, "{a:?} became {b:?}");
             }
             if let Strength::Surface(surface) = after.strength {
-                assert!(!surface.closed);
+                assert_eq!(surface.closed, Closed::Nowhere);
                 assert_eq!(surface.opacities, Some(vec![0.25, 0.5]));
             }
             let nothing = cloud.clipped(&[HalfSpace { normal: DVec3::X, offset: 1000.0 }]).unwrap();

@@ -1,5 +1,6 @@
 //! Clouds of splats: structure of arrays, one strength for all splats of a cloud.
 
+use crate::closed::Closed;
 use crate::columns::{Columns, Kind};
 use crate::levels::{self, Level};
 use glam::{DAffine3, DMat3, Mat3, Vec3};
@@ -77,9 +78,9 @@ pub struct Surface {
     /// The floor w₀ of the summed coverage that the sampler guarantees away from borders, in (0, 1]; its mean is 1, since the areas add
     /// up to the surface's. The pixels' filter raises it towards 0.96, as √a where it dims a surfel to a share a.
     pub coverage_floor: f32,
-    /// Whether splats whose normal points away from the camera are dropped: of closed surfaces, whose backs nobody outside
-    /// sees, and of those whose backs are not to be seen.
-    pub closed: bool,
+    /// From where splats are dropped whose normal points away from the camera: of closed surfaces, whose backs nobody outside
+    /// sees, and of those whose backs are not to be seen, from everywhere.
+    pub closed: Closed,
 }
 
 /// Blinn–Phong coefficients of a cloud.
@@ -234,6 +235,11 @@ impl Cloud {
         matches!(self.columns().kind, Kind::Surface(_))
     }
 
+    /// Whether it is a surface of which no backs are seen by a camera at the origin of its space: see [`Closed`].
+    pub(crate) fn is_closed_for(&self, camera_to_cloud: &DAffine3, is_perspective: bool) -> bool {
+        matches!(&self.columns().kind, Kind::Surface(surface) if surface.closed.is_for(camera_to_cloud, is_perspective))
+    }
+
     /// Whether renderers have levels of detail to choose from.
     pub fn has_levels(&self) -> bool {
         self.levels.len() > 1
@@ -367,6 +373,7 @@ fn validate(splats: &Splats) -> Result<(), CloudError> {
             if let Some(opacities) = &surface.opacities {
                 range("opacities", opacities, 1.0, "an opacity is from 0 to 1")?;
             }
+            surface.closed.check()?;
             check_surface(surface.depth_tolerance, surface.coverage_floor)
         }
     }

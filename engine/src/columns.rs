@@ -1,5 +1,6 @@
 //! A cloud's splats as the footprint stage reads them: eight at a time, each number in a row of its own.
 
+use crate::closed::Closed;
 use crate::cloud::{Harmonics, Material, OpacityFilter, Shapes, Splats, Strength, Surface};
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
@@ -108,7 +109,7 @@ pub(crate) enum Factors {
 }
 
 /// What the strengths of a cloud mean.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Kind {
     /// Masses.
     Extinction,
@@ -119,11 +120,11 @@ pub(crate) enum Kind {
 }
 
 /// What the splats of a surface share; see [`Surface`].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct SurfaceKind {
     pub(crate) depth_tolerance: f32,
     pub(crate) coverage_floor: f32,
-    pub(crate) closed: bool,
+    pub(crate) closed: Closed,
 }
 
 /// The checked arrays of a cloud.
@@ -288,13 +289,13 @@ impl Columns {
             strength: match self.kind {
                 Kind::Extinction => Strength::Extinction { masses: strengths },
                 Kind::Opacity(filter) => Strength::Opacity { peaks: strengths, filter },
-                Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, closed }) => {
+                Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, ref closed }) => {
                     Strength::Surface(Surface {
                         areas: strengths,
                         opacities: self.opacities.as_ref().map(singles),
                         depth_tolerance,
                         coverage_floor,
-                        closed,
+                        closed: closed.clone(),
                     })
                 }
             },

@@ -97,7 +97,7 @@ pub(crate) struct LayerBuilder<'a> {
 
 /// The depth tolerance of each cloud in the world; 0 for volumes.
 pub(crate) fn depth_tolerances(clouds: &[Cloud]) -> impl Iterator<Item = f32> {
-    clouds.iter().map(|cloud| match cloud.columns().kind {
+    clouds.iter().map(|cloud| match &cloud.columns().kind {
         // A scaled cloud scales its radii; the cube root is exact for uniform scales.
         Kind::Surface(surface) => {
             let scale = cloud.cloud_to_world().matrix3.determinant().abs().cbrt();

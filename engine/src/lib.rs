@@ -16,6 +16,7 @@
 mod bin;
 pub mod camera;
 pub mod clip;
+mod closed;
 mod closing;
 pub mod cloud;
 pub mod color;
@@ -51,6 +52,7 @@ pub mod validate;
 
 pub use camera::{Camera, CameraError, Intrinsics, Pose, Projection};
 pub use clip::HalfSpace;
+pub use closed::Closed;
 pub use cloud::{Cloud, CloudError, Harmonics, Material, OpacityFilter, Shapes, Splats, Strength, Surface};
 pub use frame::{Channels, Frame};
 pub use metrics::{Metrics, MetricsError, Pixels, compare};

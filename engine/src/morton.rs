@@ -144,6 +144,7 @@ fn spread(x: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::closed::Closed;
     use crate::cloud::{Material, OpacityFilter, Surface};
     use glam::Mat3;
 
@@ -184,7 +185,7 @@ mod tests {
                 opacities: Some((0..count).map(number).collect()),
                 depth_tolerance: 1.0,
                 coverage_floor: 0.5,
-                closed: false,
+                closed: Closed::Nowhere,
             };
             let strengths = [
                 Strength::Surface(surface),

@@ -1,5 +1,6 @@
 //! Clouds of surfels that are made one after the other, without arrays in between.
 
+use crate::closed::Closed;
 use crate::cloud::{Cloud, CloudError, Material, check_material, check_names, check_surface, wrong};
 use crate::columns::{BLOCKS_A_TASK, Column, Columns, Factors, Kind, LANES, Lanes, SurfaceKind};
 use glam::{Mat3, Vec3};
@@ -20,7 +21,7 @@ pub struct Surfel {
 }
 
 /// What the surfels of a cloud share; as in [`crate::Surface`] and [`crate::Splats`].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct SurfelLook {
     /// Linear Rec. 709 colour of all; without it each has its own.
     pub color: Option<[f32; 3]>,
@@ -30,8 +31,8 @@ pub struct SurfelLook {
     pub depth_tolerance: f32,
     /// In (0, 1].
     pub coverage_floor: f32,
-    /// Whether backs are dropped.
-    pub closed: bool,
+    /// From where backs are dropped.
+    pub closed: Closed,
     /// How the surface answers light.
     pub material: Material,
 }
@@ -70,12 +71,12 @@ impl Cloud {
         let are_flat = filled.into_iter().try_fold(true, |all, task| Ok(all & task?))?;
         let Rows { centers, flat, through, areas, colors } = rows;
         let through = if are_flat { Column::alike(count, [0.0; 3]) } else { Column::of_blocks(through) };
-        let SurfelLook { color, opacity, depth_tolerance, coverage_floor, closed, material } = *look;
+        let SurfelLook { color, opacity, depth_tolerance, coverage_floor, ref closed, material } = *look;
         Ok(Self::of_columns(Columns {
             len: count,
             centers: Column::of_blocks(centers),
             factors: Factors::Each { flat: Column::of_blocks(flat), through },
-            kind: Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, closed }),
+            kind: Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, closed: closed.clone() }),
             strengths: Column::of_blocks(areas),
             opacities: (opacity < 1.0).then(|| Column::alike(count, [opacity])),
             colors: color.map_or_else(|| Column::of_blocks(colors), |color| Column::alike(count, color)),
@@ -97,6 +98,7 @@ impl SurfelLook {
             return Err(wrong(0, "opacities", self.opacity.to_string(), "an opacity is from 0 to 1"));
         }
         check_material(self.material)?;
+        self.closed.check()?;
         check_surface(self.depth_tolerance, self.coverage_floor)
     }
 }
@@ -232,7 +234,7 @@ mod tests {
         opacity: 0.75,
         depth_tolerance: 0.5,
         coverage_floor: 0.9,
-        closed: true,
+        closed: Closed::EVERYWHERE,
         material: Material::UNLIT,
     };
 

@@ -4,8 +4,8 @@
 
 use glam::{DVec3, Mat3, Quat, Vec3};
 use oblate_engine::{
-    Camera, Channels, Cloud, FootprintForm, Material, Order, Pose, RenderSettings, Scene, Shapes, Splats,
-    Strength, Surface, render,
+    Camera, Channels, Closed, Cloud, FootprintForm, Material, Order, Pose, RenderSettings, Scene, Shapes,
+    Splats, Strength, Surface, render,
 };
 
 const SIZE: [u32; 2] = [96, 64];
@@ -34,8 +34,13 @@ fn scattered(is_surface: bool, middle: Vec3, side: f32) -> Cloud {
     let factors = (0..COUNT).map(|_| shape(vector(1.0))).collect();
     let strength = if is_surface {
         let areas = vec![0.2; COUNT];
-        let surface =
-            Surface { areas, opacities: None, depth_tolerance: 0.1, coverage_floor: 0.9, closed: false };
+        let surface = Surface {
+            areas,
+            opacities: None,
+            depth_tolerance: 0.1,
+            coverage_floor: 0.9,
+            closed: Closed::Nowhere,
+        };
         Strength::Surface(surface)
     } else {
         Strength::Extinction { masses: vec![4e-3; COUNT] }

@@ -7,8 +7,8 @@ mod scenes;
 
 use glam::{DVec3, Mat3, Vec3};
 use oblate_engine::{
-    Camera, Cloud, FootprintForm, Frame, Material, Pose, ReferenceKind, RenderSettings, Scene, Shapes,
-    Splats, Strength, Surface, reference,
+    Camera, Closed, Cloud, FootprintForm, Frame, Material, Pose, ReferenceKind, RenderSettings, Scene,
+    Shapes, Splats, Strength, Surface, reference,
 };
 use scenes::{draw, unshaded};
 
@@ -41,8 +41,13 @@ fn ground() -> Cloud {
             areas.push((width * length) as f32);
         }
     }
-    let surface =
-        Surface { areas, opacities: None, depth_tolerance: 400.0, coverage_floor: 1.0, closed: false };
+    let surface = Surface {
+        areas,
+        opacities: None,
+        depth_tolerance: 400.0,
+        coverage_floor: 1.0,
+        closed: Closed::Nowhere,
+    };
     Cloud::new(Splats {
         colors: vec![[1.0; 3]; centers.len()],
         centers,

@@ -5,8 +5,8 @@
 use glam::{DAffine3, DVec2, DVec3, Mat3, Vec3, dvec3};
 use oblate_engine::cloud::oblate_factor;
 use oblate_engine::{
-    Camera, Cloud, FootprintForm, Material, OpacityFilter, Order, Picked, Picker, Pose, ReferenceKind,
-    RenderSettings, Scene, Shapes, Splats, Strength, Surface, reference, render,
+    Camera, Closed, Cloud, FootprintForm, Material, OpacityFilter, Order, Picked, Picker, Pose,
+    ReferenceKind, RenderSettings, Scene, Shapes, Splats, Strength, Surface, reference, render,
 };
 
 const SIZE: [u32; 2] = [40, 32];
@@ -41,7 +41,7 @@ fn ball(count: usize, opacity: Option<f32>) -> Cloud {
         opacities: opacity.map(|opacity| vec![opacity; count]),
         depth_tolerance: 2.0 * radius,
         coverage_floor: 0.9,
-        closed: true,
+        closed: Closed::EVERYWHERE,
     });
     Cloud::new(splats(centers, Shapes::Each(factors), strength)).unwrap()
 }

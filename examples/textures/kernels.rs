@@ -4,7 +4,7 @@ use crate::texture::{SIGMA, Texels};
 use crate::view::{LEFT, Picture};
 use glam::{DMat3, DVec2, DVec3, Mat3, Vec3};
 use oblate::engine::{
-    Camera, Channels, Cloud, CloudError, Counts, Material, Observer, Order, RenderSettings, Scene,
+    Camera, Channels, Closed, Cloud, CloudError, Counts, Material, Observer, Order, RenderSettings, Scene,
     SceneError, Shapes, Splats, Strength, Surface, render,
 };
 use std::sync::{Mutex, PoisonError};
@@ -76,7 +76,7 @@ fn cloud(texels: &Texels, kind: Kind, shape: impl Fn(DVec3) -> (DMat3, f64)) -> 
             opacities: None,
             depth_tolerance: 1.0,
             coverage_floor: 0.98,
-            closed: false,
+            closed: Closed::Nowhere,
         }),
         Kind::Slab(_) => Strength::Extinction { masses: vec![(OPAQUE / count as f64) as f32; count] },
     };

@@ -11,7 +11,7 @@ use crate::stats::{median, milliseconds, peak_mib, rounded, timed};
 use anyhow::{Context, Result, anyhow, ensure};
 use clap::Args;
 use glam::DVec3;
-use oblate::engine::{Blend, Splats};
+use oblate::engine::{Blend, Closed, Splats, Strength};
 use oblate::importers::export::SurfelWriter;
 use oblate::importers::{Content, RawSlices, Watch};
 use oblate::surfels::{Deviation, Merged, merge_flat};
@@ -127,9 +127,9 @@ pub(crate) fn run(args: ExtractArgs) -> Result<()> {
     let made = if args.stream { stream(&args, &settings, output) } else { whole(&args, &settings, output) };
     let found = made.with_context(|| name.clone())?;
     let count = found.merging.as_ref().map_or(found.surfels, |merging| merging.surfels as u64);
-    let closed = if found.closed { "closed" } else { "open" };
+    let closed = if found.closed { "a closed" } else { "an open" };
     console.say(format_args!(
-        "wrote {}, {count} surfels of a {closed} surface, area {}",
+        "wrote {}, {count} surfels of {closed} surface, area {}",
         args.output.display(),
         found.area as f32
     ));
@@ -326,6 +326,9 @@ fn write(
     for mut part in parts {
         if place != DVec3::ZERO {
             part.centers.iter_mut().for_each(|center| *center = (center.as_dvec3() + place).as_vec3());
+            if let Strength::Surface(surface) = &mut part.strength {
+                surface.closed = std::mem::replace(&mut surface.closed, Closed::Nowhere).translated(place);
+            }
         }
         writer.write(&part)?;
     }

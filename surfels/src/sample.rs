@@ -266,7 +266,7 @@ fn splats(
             opacities,
             depth_tolerance: 2.0 * KERNEL_SIGMA * spacing as f32,
             coverage_floor: COVERAGE_FLOOR,
-            closed: if translucent { mesh.is_single_sided() } else { is_closed },
+            closed: if translucent { mesh.is_single_sided() } else { is_closed }.into(),
         }),
         colors,
         harmonics: None,

@@ -142,7 +142,7 @@ fn cube() -> Mesh {
 fn a_cube_has_even_faces_and_sharp_edges() {
     let mesh = cube();
     let (cloud, spacing) = surfels(&mesh, 12_000);
-    assert!(surface(&cloud).closed);
+    assert!(surface(&cloud).closed.is_everywhere());
     assert_even(&cloud, spacing, within_triangles(&mesh, 3.0 * f64::from(KERNEL_SIGMA) * spacing));
     // No surfel owns two sides of an edge: each lies in a face and faces as it does.
     let finder = Finder::new(&cloud, spacing);

@@ -1,7 +1,7 @@
 //! Merging where a surface is flat.
 
 use glam::{Mat3, Vec3};
-use oblate_engine::{Cloud, Material, Shapes, Splats, Strength, Surface};
+use oblate_engine::{Closed, Cloud, Material, Shapes, Splats, Strength, Surface};
 use oblate_surfels::{Density, Deviation, MergeError, Mesh, SamplerSettings, merge_flat, primitives, sample};
 
 const BOUNDS: Deviation = Deviation { distance: 0.05, angle: 0.1, color: 0.1 };
@@ -18,7 +18,7 @@ fn square(n: i32, normal: Vec3, color: impl Fn(i32, i32) -> f32) -> Splats {
             opacities: None,
             depth_tolerance: 0.7,
             coverage_floor: 0.9,
-            closed: false,
+            closed: Closed::Nowhere,
         }),
         colors: places.iter().map(|(i, j)| [color(*i, *j), 0.5, 0.5]).collect(),
         harmonics: None,

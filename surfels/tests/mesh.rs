@@ -106,7 +106,7 @@ fn closed_meshes_are_told_from_open_ones() {
     }
     assert!(!mesh_of(primitives::plane(2), DAffine3::IDENTITY).is_closed());
     assert!(!Mesh::default().is_closed());
-    assert!(surface(&surfels(&knot(2, 3), 500).unwrap()).closed);
+    assert!(surface(&surfels(&knot(2, 3), 500).unwrap()).closed.is_everywhere());
 }
 
 #[test]
@@ -117,7 +117,9 @@ fn backs_are_dropped_where_nobody_sees_them_or_the_file_asks_for_it() {
             part.material.factor.w = *alpha;
             part
         };
-        surface(&surfels(&Mesh { primitives: shapes.iter().map(part).collect() }, 300).unwrap()).closed
+        surface(&surfels(&Mesh { primitives: shapes.iter().map(part).collect() }, 300).unwrap())
+            .closed
+            .is_everywhere()
     };
     let (ball, sheet) = (primitives::sphere(40), primitives::plane(2));
     for (alpha, double_sided, of_ball, of_sheet) in [

@@ -44,6 +44,9 @@ fn is_met(volume: &Volume, iso: f32, (from, along): (DVec3, DVec3)) -> bool {
     false
 }
 
+/// Rays along a side of the three by three pixels around one that is fainter than it should be.
+const FINE: usize = 31;
+
 /// The least opacity where a surface is met.
 const OPAQUE: f32 = 0.98;
 
@@ -70,11 +73,19 @@ fn faint(name: &str, volume: &Volume, iso: f32) -> usize {
         let forward = -direction;
         let right = forward.cross(up).normalize();
         let down = forward.cross(right);
-        let ray = |i: usize, j: usize| {
-            let [x, y] = [i, j].map(|p| ((p as f64 + 0.5) / SIDE as f64 * 2.0 - 1.0) * (angle / 2.0).tan());
+        let ray = |i: f64, j: f64| {
+            let [x, y] = [i, j].map(|p| ((p + 0.5) / SIDE as f64 * 2.0 - 1.0) * (angle / 2.0).tan());
             (eye, (forward + right * x + down * y).normalize())
         };
-        let met: Vec<bool> = (0..SIDE * SIDE).map(|p| is_met(volume, iso, ray(p % SIDE, p / SIDE))).collect();
+        // Gaps between thin vessels, and their edges, pass between the rays of pixels.
+        let is_covered = |pixel: [usize; 2]| {
+            let mut around = (0..FINE * FINE)
+                .map(|n| [n % FINE, n / FINE].map(|k| 3.0 * (k as f64 + 0.5) / FINE as f64 - 1.5));
+            around.all(|[x, y]| is_met(volume, iso, ray(pixel[0] as f64 + x, pixel[1] as f64 + y)))
+        };
+        let met: Vec<bool> = (0..SIDE * SIDE)
+            .map(|p| is_met(volume, iso, ray((p % SIDE) as f64, (p / SIDE) as f64)))
+            .collect();
         for j in 1..SIDE - 1 {
             for i in 1..SIDE - 1 {
                 // Silhouettes fade over a pixel or two.
@@ -83,7 +94,7 @@ fn faint(name: &str, volume: &Volume, iso: f32) -> usize {
                     seen += 1;
                     let alpha = picture.color[j * SIDE + i][3];
                     least = least.min(alpha);
-                    faint += usize::from(alpha <= OPAQUE);
+                    faint += usize::from(alpha <= OPAQUE && is_covered([i, j]));
                 }
             }
         }

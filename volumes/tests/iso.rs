@@ -120,7 +120,7 @@ fn a_linear_field_gives_its_plane() {
         let dims = [12; 3];
         let (center, normal) = (middle(dims, frame), DVec3::new(0.3, -0.5, 0.8).normalize());
         let cloud = surfels_at(&sampled(dims, frame, |p| 5.0 - 2.0 * normal.dot(p - center)), 5.0);
-        assert!(cloud.len() > 100 && !surface(&cloud).closed);
+        assert!(cloud.len() > 100 && !surface(&cloud).closed.is_everywhere());
         for (position, factor, facing, _) in surfels(&cloud) {
             // f32 samples of a few tens, gradients of 2: a few 1e-6.
             assert!(normal.dot(position - center).abs() < 2e-5, "{name}");
@@ -159,7 +159,7 @@ fn samples_on_the_value_make_no_duplicates_and_no_holes() {
     let plateau = sampled([11, 11, 11], frame, |p| f64::from(inside(p.x) && inside(p.y) && inside(p.z)));
     let cloud = surfels_at(&plateau, 1.0);
     let area: f32 = surface(&cloud).areas.iter().sum();
-    assert!((area - 96.0).abs() < 1e-3 && surface(&cloud).closed, "{area}");
+    assert!((area - 96.0).abs() < 1e-3 && surface(&cloud).closed.is_everywhere(), "{area}");
     // Half-way it bulges by half a step all around: faces 6·4², and rims that are chamfers.
     let bulged: f32 = surface(&surfels_at(&plateau, 0.5)).areas.iter().sum();
     assert!(bulged > 96.0 && bulged < 150.0, "{bulged}");
@@ -193,12 +193,12 @@ fn empty_thin_and_missing() {
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         let holed = sampled([11; 3], frame, |p| if p == DVec3::new(5.0, 5.0, 8.0) { bad } else { whole(p) });
         let cloud = surfels_at(&holed, 0.0);
-        assert!(cloud.len() < count && cloud.len() >= count - 8 && !surface(&cloud).closed);
+        assert!(cloud.len() < count && cloud.len() >= count - 8 && !surface(&cloud).closed.is_everywhere());
     }
     // Far from the surface it changes nothing.
     let holed = sampled([11; 3], frame, |p| if p == DVec3::splat(5.0) { f64::NAN } else { whole(p) });
     let cloud = surfels_at(&holed, 0.0);
-    assert!(cloud.len() == count && surface(&cloud).closed);
+    assert!(cloud.len() == count && surface(&cloud).closed.is_everywhere());
 }
 
 #[test]
@@ -248,7 +248,7 @@ fn the_phantom_has_closed_surfaces() {
     let [low, high] = volume.value_range().unwrap();
     assert!(low >= -1e-6 && (0.95..=1.0).contains(&high), "{low} to {high}");
     let iso = propose_iso(&volume).unwrap();
-    assert!(surface(&surfels_at(&volume, iso)).closed);
+    assert!(surface(&surfels_at(&volume, iso)).closed.is_everywhere());
 }
 
 proptest! {

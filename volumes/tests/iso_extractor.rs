@@ -6,7 +6,7 @@ mod common;
 
 use common::*;
 use glam::{DAffine3, DVec3};
-use oblate_engine::{Cloud, Splats};
+use oblate_engine::{Closed, Cloud, Splats};
 use oblate_volumes::{
     Grid, GridFrame, Interpolation, IsoError, IsoExtractor, IsoSettings, IsoSurfel, IsoSurfels, Volume,
     Voxels, iso_surfels, marschner_lobb, stream_iso_surfels,
@@ -101,20 +101,21 @@ fn slabs_give_what_the_whole_gives() {
     let grid = Grid { dims: volume.dims(), frame: volume.frame() };
     let slice = grid.dims[0] * grid.dims[1];
     for interpolation in [Interpolation::Trilinear, Interpolation::Tricubic] {
-        let (mut most, mut open, mut all) = (0, false, Vec::new());
+        let (mut most, mut closed, mut all) = (0, Closed::EVERYWHERE, Vec::new());
         let read = |slices: std::ops::Range<usize>| {
             most = most.max(slices.len());
             Ok(Voxels::F32(samples[slices.start * slice..slices.end * slice].to_vec()))
         };
         stream_iso_surfels(&grid, 0.0, interpolation, read, |surfels| -> Result<(), IsoError> {
             all.extend(surfels.iter());
-            open |= !surfels.is_closed();
+            closed = closed.clone().and(surfels.closed());
             Ok(())
         })
         .unwrap();
         let whole = IsoExtractor::new(&volume).extract(0.0, interpolation).unwrap();
         assert_eq!(sorted(all.into_iter()), sorted(whole.iter()));
-        assert!(open && most <= 69, "{most}");
+        assert!(most <= 69, "{most}");
+        assert!(!whole.is_closed() && closed == *whole.closed());
     }
     let short = |_| Ok(Voxels::U8(vec![0; 7]));
     let result = stream_iso_surfels(&grid, 0.0, Interpolation::Trilinear, short, |_| Ok(()));

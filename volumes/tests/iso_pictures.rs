@@ -145,7 +145,7 @@ fn pictures_are_those_of_the_surface() {
     let engine = real_engine();
     for (name, volume, iso, bounds) in [
         ("ring", Some(&ring), 0.0, [[4.2, 0.25], [5.4, 0.25]]),
-        ("engine", engine.as_ref(), 100.0, [[4.95, 0.27], [2.5, 0.36]]),
+        ("engine", engine.as_ref(), 100.0, [[1.85, 0.27], [2.5, 0.36]]),
     ] {
         let Some(volume) = volume else { continue };
         for (pixels, bound) in [1.0, 2.5].into_iter().zip(bounds) {

@@ -6,7 +6,7 @@ use crate::curves::{Axis, Curve, Panel, Role};
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
 use oblate_engine::reference::stochastic;
 use oblate_engine::{
-    Camera, Cloud, FootprintForm, Frame, Order, Pose, ReferenceKind, RenderSettings, Strength, settle,
+    Camera, Closed, Cloud, FootprintForm, Frame, Order, Pose, ReferenceKind, RenderSettings, Strength, settle,
 };
 
 pub(super) const CASE: Case = Case {
@@ -55,7 +55,7 @@ fn ball(count: usize, radius: f32) -> Cloud {
             .splats();
     // Its coverage is even to a few hundredths.
     if let Strength::Surface(surface) = &mut splats.strength {
-        (surface.closed, surface.coverage_floor) = (true, 0.95);
+        (surface.closed, surface.coverage_floor) = (Closed::EVERYWHERE, 0.95);
     }
     Cloud::new(splats).expect("a sphere is in range")
 }

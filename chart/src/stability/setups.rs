@@ -6,9 +6,9 @@ use glam::{DAffine3, DVec2, DVec3, Mat3, Vec3};
 use oblate_engine::cloud::oblate_factor;
 use oblate_engine::footprint::{CameraSplat, Lens};
 use oblate_engine::{
-    Camera, Cloud, FootprintForm, Frame, Intrinsics, Material, Metrics, OpacityFilter, Order, Pixels, Pose,
-    Projection, ReferenceKind, RenderSettings, Scene, Shapes, Splats, Strength, Surface, compare, reference,
-    render,
+    Camera, Closed, Cloud, FootprintForm, Frame, Intrinsics, Material, Metrics, OpacityFilter, Order, Pixels,
+    Pose, Projection, ReferenceKind, RenderSettings, Scene, Shapes, Splats, Strength, Surface, compare,
+    reference, render,
 };
 
 /// A level of 8 bits.
@@ -135,7 +135,7 @@ pub(super) fn surfels(points: &[(Vec3, Vec3)], area: f32, color: [f32; 3]) -> Cl
             opacities: None,
             depth_tolerance: radius,
             coverage_floor: 0.98,
-            closed: false,
+            closed: Closed::Nowhere,
         }),
         colors: vec![color; points.len()],
         harmonics: None,

@@ -57,6 +57,8 @@ pub(super) struct Projector<'a> {
     pub(super) camera_to_cloud: DAffine3,
     pub(super) normal_to_camera: DMat3,
     pub(super) determinant: f64,
+    /// Of a surface that is closed for the viewer only what faces that viewer is seen.
+    pub(super) hides_backs: bool,
     /// Whether splats stand for others, and their normals are means, shorter than 1.
     pub(super) has_means: bool,
 }
@@ -79,6 +81,8 @@ impl<'a> Projector<'a> {
             linear.x_axis.cross(linear.y_axis),
         );
         let normal_to_camera = cofactor * linear.determinant().signum();
+        let camera_to_cloud = cloud_to_camera.inverse();
+        let is_perspective = view.lens.projection == Projection::Perspective;
         Self {
             levels: cloud.levels(),
             columns: &cloud.levels()[level].columns,
@@ -86,9 +90,10 @@ impl<'a> Projector<'a> {
             shader,
             view,
             cloud_to_camera,
-            camera_to_cloud: cloud_to_camera.inverse(),
+            camera_to_cloud,
             normal_to_camera,
             determinant,
+            hides_backs: cloud.is_closed_for(&camera_to_cloud, is_perspective),
             has_means: level > 0,
         }
     }
@@ -104,9 +109,7 @@ impl<'a> Projector<'a> {
         };
         let perspective = lens.projection == Projection::Perspective;
         let geometric_normal = (self.normal_to_camera * axis_normal(factor_in_cloud)).normalize_or_zero();
-        if let columns::Kind::Surface(surface) = &splats.kind
-            && surface.closed
-        {
+        if self.hides_backs {
             let ray = if perspective { splat.center } else { DVec3::Z };
             if geometric_normal.dot(ray) >= 0.0 {
                 return None;

@@ -3,6 +3,7 @@
 use super::family::{Family, Member, mean_shadow, outer};
 use super::need::Terms;
 use super::{Level, clusters, range_of};
+use crate::closed::Closed;
 use crate::cloud::{Harmonics, Shapes, Splats, Strength, Surface};
 use crate::color::{linear_to_srgb, srgb_to_linear};
 use crate::columns::{CHILDREN, Column, Columns, Kind, SurfaceKind};
@@ -43,14 +44,14 @@ pub(super) fn coarser(below: &Level) -> Level {
         strength: match columns.kind {
             Kind::Extinction => Strength::Extinction { masses: strengths },
             Kind::Opacity(filter) => Strength::Opacity { peaks: strengths, filter },
-            Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, closed }) => {
+            Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, ref closed }) => {
                 let opacities = columns.opacities.as_ref().map(|_| column(|m| m.opacity));
                 Strength::Surface(Surface {
                     areas: strengths,
                     opacities,
                     depth_tolerance,
                     coverage_floor,
-                    closed,
+                    closed: closed.clone(),
                 })
             }
         },
@@ -104,10 +105,11 @@ impl Merged {
                 strength = if shadow > 0.0 { (family.weight / shadow).min(1.0) } else { 0.0 };
                 factor = lower_factor(covariance);
             }
-            Kind::Surface(SurfaceKind { closed, .. }) => {
-                // A sheet has no front; a closed surface has, and its normals are on that side.
+            Kind::Surface(SurfaceKind { ref closed, .. }) => {
+                // A sheet has no front; what is closed from anywhere has, and its normals are on that side.
                 let own = |m: &Member| m.shape_normal;
-                let shapes = if closed { each(family, own) } else { turned(family, own) };
+                let is_sheet = *closed == Closed::Nowhere;
+                let shapes = if is_sheet { turned(family, own) } else { each(family, own) };
                 let sides: DVec3 = family.members().iter().zip(shapes).map(|(m, n)| m.share * n).sum();
                 normals = each(family, |m| m.normal);
                 for ((normal, shape), m) in normals.iter_mut().zip(shapes).zip(family.members()) {

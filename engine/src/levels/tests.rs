@@ -40,7 +40,13 @@ fn splats(count: usize, strength: impl Fn(Vec<f32>) -> Strength) -> Splats {
 fn surface(closed: bool) -> impl Fn(Vec<f32>) -> Strength {
     move |areas| {
         let opacities = Some(areas.iter().map(|a| 1.0 - a).collect());
-        Strength::Surface(Surface { areas, opacities, depth_tolerance: 0.1, coverage_floor: 0.9, closed })
+        Strength::Surface(Surface {
+            areas,
+            opacities,
+            depth_tolerance: 0.1,
+            coverage_floor: 0.9,
+            closed: closed.into(),
+        })
     }
 }
 

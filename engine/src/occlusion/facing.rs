@@ -4,7 +4,7 @@ use super::bounds::Sight;
 use super::looked::Looked;
 use super::sheet::{Shown, sampled};
 use crate::cloud::Cloud;
-use crate::columns::{Columns, Factors, Kind, LANES};
+use crate::columns::{Columns, Factors, LANES};
 use crate::cull::VisibleRange;
 use crate::footprint::Rect;
 use crate::levels;
@@ -28,7 +28,8 @@ pub(super) struct Facing<'a> {
 
 impl<'a> Facing<'a> {
     pub(super) fn new(sight: &'a Sight, cloud: &'a Cloud, range: &VisibleRange) -> Self {
-        let linear = (sight.world_to_camera * cloud.cloud_to_world()).matrix3;
+        let to_camera = sight.world_to_camera * cloud.cloud_to_world();
+        let linear = to_camera.matrix3;
         let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis];
         let cofactors = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)) * linear.determinant().signum();
         Self {
@@ -37,7 +38,7 @@ impl<'a> Facing<'a> {
             columns: &cloud.levels()[range.level].columns,
             to_camera: linear.as_mat3(),
             cofactors: cofactors.as_mat3(),
-            is_closed: matches!(cloud.columns().kind, Kind::Surface(surface) if surface.closed),
+            is_closed: cloud.is_closed_for(&to_camera.inverse(), sight.is_perspective()),
         }
     }
 

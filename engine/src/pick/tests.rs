@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::camera::{Intrinsics, Pose};
+use crate::closed::Closed;
 use crate::cloud::{Material, OpacityFilter, Shapes, Splats, Strength, Surface};
 use glam::{DQuat, Mat3, Quat, Vec3};
 use proptest::prelude::*;
@@ -35,7 +36,7 @@ fn cloud(count: usize, kind: usize, seed: u64) -> Cloud {
             opacities: None,
             depth_tolerance: 0.02,
             coverage_floor: 0.85,
-            closed: false,
+            closed: Closed::Nowhere,
         }),
     };
     Cloud::new(Splats {

@@ -6,6 +6,7 @@ use super::integral::{Fragment, REACH};
 use super::layers::Sample;
 use super::shading::{Lighting, Spot};
 use super::view::{Ray, View};
+use crate::camera::Projection;
 use crate::cloud::{Cloud, OpacityFilter};
 use crate::color::{linear_to_srgb, srgb_to_linear};
 use crate::columns::Kind;
@@ -48,6 +49,7 @@ pub(super) struct Placed<'a> {
     /// Sign of the determinant; −1 mirrors, and cross products with it.
     handedness: f64,
     volume_scale: f64,
+    hides_backs: bool,
 }
 
 /// The ball outside which a splat is nothing.
@@ -104,6 +106,7 @@ impl<'a> Setup<'a> {
         low_pass: f64,
     ) -> Self {
         let world_to_camera = camera.pose().world_to_camera;
+        let is_perspective = camera.projection() == Projection::Perspective;
         let mut clouds = Vec::with_capacity(scene.clouds.len());
         let mut count = 0usize;
         for cloud in &scene.clouds {
@@ -118,6 +121,7 @@ impl<'a> Setup<'a> {
                 normal_to_camera: handedness * DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)),
                 handedness,
                 volume_scale: linear.determinant().abs(),
+                hides_backs: cloud.is_closed_for(&to_camera.inverse(), is_perspective),
             });
             count += cloud.len();
         }
@@ -197,17 +201,13 @@ impl<'a> Setup<'a> {
 
     fn ball(&self, placed: &Placed<'_>, index: u32) -> Option<Ball> {
         let (center, columns) = self.columns(placed, index as usize);
-        let surface = match &placed.cloud.columns().kind {
-            Kind::Surface(surface) => Some(surface),
-            _ => None,
-        };
-        if surface.is_some_and(|s| s.closed) {
+        if placed.hides_backs {
             let normal = placed.geometric_normal(&columns);
             if normal.dot(self.view.direction(center)) >= 0.0 {
                 return None;
             }
         }
-        let reach = if surface.is_some() { self.settings.outline } else { FAR_CUT };
+        let reach = if placed.cloud.is_surface() { self.settings.outline } else { FAR_CUT };
         // The largest variance: at most the trace, at most the largest row sum of |Σ'| (Gershgorin).
         let trace: f64 = columns.iter().map(|c| c.length_squared()).sum();
         let row_sums: DVec3 = columns.iter().map(|c| c.abs() * c.abs().element_sum()).sum();

@@ -4,6 +4,7 @@
 
 use super::*;
 use crate::camera::{Pose, Projection};
+use crate::closed::Closed;
 use crate::cloud::{Cloud, Material, OpacityFilter, Shapes, Splats, Strength, Surface, oblate_factor};
 use crate::footprint::{Form, Kind, Record, Rect};
 use crate::order::Keys;
@@ -344,7 +345,7 @@ fn sheet(opacity: f32, degrees: f64, shift: f64) -> Cloud {
         opacities: Some(vec![opacity; side * side]),
         depth_tolerance: 0.8 * spacing,
         coverage_floor: 0.98,
-        closed: false,
+        closed: Closed::Nowhere,
     });
     let shape = Shapes::Shared(oblate_factor(Vec3::NEG_Z, 0.8 * spacing, f32::INFINITY));
     let turned = DMat3::from_rotation_x(f64::to_radians(degrees));

@@ -46,7 +46,7 @@ fn patches(seed: u32, (count, size, opacity, kind): (usize, f32, f32, usize)) ->
                 opacities: (opacity < 1.0).then(|| vec![opacity; total]),
                 depth_tolerance: spacing,
                 coverage_floor: 0.9,
-                closed: seed.is_multiple_of(2),
+                closed: seed.is_multiple_of(2).into(),
             }),
             Shapes::Each(normals.iter().map(factor).collect()),
         ),

@@ -13,7 +13,7 @@ fn nested(count: usize, closed: bool) -> Vec<Cloud> {
             let mut splats =
                 sphere(count, radius, [0.9 - 0.15 * i as f32, 0.1 + 0.15 * i as f32, 0.4]).splats();
             if let Strength::Surface(surface) = &mut splats.strength {
-                surface.closed = closed;
+                surface.closed = closed.into();
             }
             Cloud::new(splats.in_morton_order()).unwrap()
         })

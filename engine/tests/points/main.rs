@@ -10,8 +10,8 @@ mod scenes;
 
 use glam::{DVec3, Mat3, Vec3};
 use oblate_engine::{
-    Camera, Cloud, Counts, FootprintForm, Frame, Material, Observer, OpacityFilter, Order, RenderSettings,
-    Renderer, Scene, Shapes, Splats, Strength, Surface,
+    Camera, Closed, Cloud, Counts, FootprintForm, Frame, Material, Observer, OpacityFilter, Order,
+    RenderSettings, Renderer, Scene, Shapes, Splats, Strength, Surface,
 };
 use scenes::unshaded;
 use std::sync::Mutex;
@@ -76,7 +76,7 @@ fn cloud(kind: Kind, splats: &[(Vec3, Mat3)], peak: f32, colors: Vec<[f32; 3]>) 
             opacities: None,
             depth_tolerance: 1.0,
             coverage_floor: 1.0,
-            closed: false,
+            closed: Closed::Nowhere,
         }),
     };
     Cloud::new(Splats {

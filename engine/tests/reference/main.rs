@@ -8,8 +8,8 @@ use oblate_engine::cloud::oblate_factor;
 use oblate_engine::color::{linear_to_srgb, srgb_to_linear};
 use oblate_engine::reference::{ReferenceKind, reference};
 use oblate_engine::{
-    Blend, Camera, Cloud, Frame, Harmonics, Intrinsics, Light, Material, OpacityFilter, Pose, Projection,
-    RenderSettings, Scene, Shapes, Splats, Strength, Surface,
+    Blend, Camera, Closed, Cloud, Frame, Harmonics, Intrinsics, Light, Material, OpacityFilter, Pose,
+    Projection, RenderSettings, Scene, Shapes, Splats, Strength, Surface,
 };
 use std::f64::consts::TAU;
 use std::sync::Mutex;
@@ -77,7 +77,7 @@ fn plane(center: Vec3, normal: Vec3, half: i32, opacity: f32, color: [f32; 3]) -
         opacities: Some(vec![opacity; count]),
         depth_tolerance: 0.8,
         coverage_floor: 0.99,
-        closed: false,
+        closed: Closed::Nowhere,
     };
     let shape = Shapes::Shared(oblate_factor(normal, 0.8, f32::INFINITY));
     let mut splats = cloud(centers, shape, Strength::Surface(surface), vec![color; count]).splats();

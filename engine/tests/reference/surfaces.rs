@@ -114,7 +114,7 @@ fn closed_surfaces_drop_their_back() {
     let [front, back] = [(10.0, Vec3::Z), (14.0, Vec3::NEG_Z)].map(|(z, normal)| {
         let mut splats = plane(Vec3::Z * z, normal, 8, 1.0, if z < 12.0 { RED } else { GREEN }).splats();
         let Strength::Surface(surface) = &mut splats.strength else { unreachable!() };
-        surface.closed = true;
+        surface.closed = Closed::EVERYWHERE;
         Cloud::new(splats).unwrap()
     });
     for camera in [perspective(10.0, 1), orthographic(1.0, 1)] {

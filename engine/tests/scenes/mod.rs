@@ -92,7 +92,7 @@ pub fn surfels(points: &[(Vec3, Vec3)], area: f32, color: [f32; 3], closed: bool
             opacities: None,
             depth_tolerance: radius,
             coverage_floor: 0.98,
-            closed,
+            closed: closed.into(),
         }),
         colors: vec![color; points.len()],
         harmonics: None,

@@ -5,7 +5,7 @@ use crate::Note;
 use crate::ply::surfels::{CENTER, COLOR, Description, FACTOR, Kernel, NORMAL, harmonic};
 use glam::Vec3;
 use oblate_engine::color::linear_to_srgb;
-use oblate_engine::{Blend, Shapes, Splats, Strength};
+use oblate_engine::{Blend, Closed, Shapes, Splats, Strength};
 use std::io::{Seek, SeekFrom, Write};
 
 /// Splats that are made bytes of at a time.
@@ -15,7 +15,7 @@ const ROWS: usize = 4096;
 pub(crate) fn write(splats: &Splats, blend: Blend, out: &mut dyn Write) -> Result<Vec<Note>, ExportError> {
     check(splats)?;
     let layout = Layout::of(splats, blend);
-    layout.write_header(splats.centers.len(), 0, out)?;
+    layout.write_header(splats.centers.len(), [0; 2], out)?;
     write_rows(splats, out)?;
     Ok(Vec::new())
 }
@@ -33,7 +33,7 @@ impl<'a, W: Write + Seek + ?Sized> SurfelWriter<'a, W> {
         Self { out, blend, written: None }
     }
 
-    /// Appends splats. A surface of several parts is closed if each of them is.
+    /// Appends splats. A surface of several parts is closed from where each of them is.
     ///
     /// # Errors
     /// When there are none or arrays differ in length, when they are of another kind than those before, or writing fails.
@@ -42,13 +42,13 @@ impl<'a, W: Write + Seek + ?Sized> SurfelWriter<'a, W> {
         let mut layout = Layout::of(splats, self.blend);
         let count = match &self.written {
             None => {
-                layout.write_header(0, COUNT_DIGITS, self.out)?;
+                layout.write_header(0, ROOM, self.out)?;
                 0
             }
             Some((before, count)) => {
-                let is_closed = before.is_closed() && layout.is_closed();
-                layout.set_closed(is_closed);
-                if layout != before.with_closed(is_closed) {
+                let closed = layout.closed().and(&before.closed());
+                layout.set_closed(&closed);
+                if layout != before.clone().with_closed(&closed) {
                     return Err(ExportError::Unsuited("the parts of a file are of one kind".into()));
                 }
                 *count
@@ -68,17 +68,17 @@ impl<'a, W: Write + Seek + ?Sized> SurfelWriter<'a, W> {
             return Err(ExportError::Unsuited("there are no splats to write".into()));
         };
         self.out.rewind()?;
-        layout.write_header(count, COUNT_DIGITS, self.out)?;
+        layout.write_header(count, ROOM, self.out)?;
         self.out.seek(SeekFrom::End(0))?;
         Ok(count)
     }
 }
 
-/// Digits of a count that is not yet known.
-const COUNT_DIGITS: usize = 12;
+/// Digits of a count that is not yet known, and characters of a description that may get more: six half-spaces have at most 600.
+const ROOM: [usize; 2] = [12, 1024];
 
 /// What the numbers of a row are.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 struct Layout {
     description: Description,
     has_opacities: bool,
@@ -91,7 +91,7 @@ impl Layout {
             Strength::Surface(surface) => Kernel::Surface {
                 depth_tolerance: surface.depth_tolerance,
                 coverage_floor: surface.coverage_floor,
-                closed: surface.closed,
+                closed: surface.closed.clone(),
             },
             Strength::Extinction { .. } => Kernel::Extinction,
             Strength::Opacity { filter, .. } => Kernel::Opacity(*filter),
@@ -109,30 +109,41 @@ impl Layout {
         Self { description, has_opacities, per_splat }
     }
 
-    fn is_closed(&self) -> bool {
-        matches!(self.description.strength, Kernel::Surface { closed: true, .. })
-    }
-
-    fn set_closed(&mut self, is_closed: bool) {
-        if let Kernel::Surface { closed, .. } = &mut self.description.strength {
-            *closed = is_closed;
+    /// Of what is no surface everywhere.
+    fn closed(&self) -> Closed {
+        match &self.description.strength {
+            Kernel::Surface { closed, .. } => closed.clone(),
+            _ => Closed::EVERYWHERE,
         }
     }
 
-    fn with_closed(mut self, is_closed: bool) -> Self {
-        self.set_closed(is_closed);
+    fn set_closed(&mut self, to: &Closed) {
+        if let Kernel::Surface { closed, .. } = &mut self.description.strength {
+            closed.clone_from(to);
+        }
+    }
+
+    fn with_closed(mut self, closed: &Closed) -> Self {
+        self.set_closed(closed);
         self
     }
 
-    /// The header, with the count in so many digits at least: those of equal layouts are equally long.
+    /// The header, with the count in so many digits at least, and the description in so many characters: those that have enough room
+    /// are equally long.
     fn write_header(
         &self,
         count: usize,
-        digits: usize,
+        [digits, characters]: [usize; 2],
         out: &mut (impl Write + ?Sized),
     ) -> Result<(), ExportError> {
         let Self { description, has_opacities, per_splat } = self;
-        writeln!(out, "ply\nformat binary_little_endian 1.0\ncomment {description}")?;
+        let description_text = description.to_string();
+        if characters > 0 && description_text.len() > characters {
+            return Err(ExportError::Unsuited(
+                "the header has no room for so many planes that the surface ends at".into(),
+            ));
+        }
+        writeln!(out, "ply\nformat binary_little_endian 1.0\ncomment {description_text:characters$}")?;
         writeln!(out, "element vertex {count:0digits$}")?;
         for name in CENTER.into_iter().chain(NORMAL) {
             writeln!(out, "property float {name}")?;
@@ -227,8 +238,8 @@ fn check(splats: &Splats) -> Result<(), ExportError> {
 mod tests {
     use super::*;
     use crate::{Content, OpenOptions, Opened};
-    use glam::Mat3;
-    use oblate_engine::{Harmonics, Material, OpacityFilter, Surface};
+    use glam::{DVec3, Mat3};
+    use oblate_engine::{HalfSpace, Harmonics, Material, OpacityFilter, Surface};
     use proptest::collection::vec;
     use proptest::prelude::*;
 
@@ -253,10 +264,18 @@ mod tests {
         vec(prop::array::uniform3(number()).prop_map(Vec3::from_array), count)
     }
 
+    fn closed() -> impl Strategy<Value = Closed> {
+        let number = || any::<f64>().prop_filter("finite", |number| number.is_finite());
+        let plane = (prop::array::uniform3(number()), number())
+            .prop_map(|(normal, offset)| HalfSpace { normal: DVec3::from_array(normal), offset })
+            .prop_filter("a direction", |plane| plane.normal != DVec3::ZERO);
+        prop_oneof![Just(Closed::Nowhere), vec(plane, 0..=6).prop_map(Closed::Within)]
+    }
+
     fn strength(count: usize) -> BoxedStrategy<Strength> {
         let shares = || vec(0.0..=1.0_f32, count);
         let surface =
-            (vec(positive(), count), prop::option::of(shares()), positive(), 0.0..1.0_f32, any::<bool>())
+            (vec(positive(), count), prop::option::of(shares()), positive(), 0.0..1.0_f32, closed())
                 .prop_map(|(areas, opacities, depth_tolerance, floor, closed)| {
                     let coverage_floor = 1.0 - floor;
                     Strength::Surface(Surface { areas, opacities, depth_tolerance, coverage_floor, closed })
@@ -323,7 +342,7 @@ mod tests {
     }
 
     /// Discs on a row, from `first` to before `end`.
-    fn discs([first, end]: [usize; 2], closed: bool) -> Splats {
+    fn discs([first, end]: [usize; 2], closed: &Closed) -> Splats {
         let count = end - first;
         Splats {
             centers: (first..end).map(|i| Vec3::new(i as f32, 2.0, -3.0)).collect(),
@@ -333,7 +352,7 @@ mod tests {
                 opacities: None,
                 depth_tolerance: 0.5,
                 coverage_floor: 0.75,
-                closed,
+                closed: closed.clone(),
             }),
             colors: vec![[0.25, 0.5, 0.75]; count],
             harmonics: None,
@@ -344,21 +363,35 @@ mod tests {
 
     #[test]
     fn parts_are_read_as_one() {
-        for is_closed in [true, false] {
+        let planes = |count: usize| {
+            // Numbers of as many digits as there are.
+            let plane = |i: usize| HalfSpace {
+                normal: DVec3::new(-1.0 / 3.0, 1e-300, 2.0),
+                offset: i as f64 / -7e-7,
+            };
+            Closed::Within((0..count).map(plane).collect())
+        };
+        let all = Closed::EVERYWHERE;
+        for [middle, last, whole] in [
+            [all.clone(), all.clone(), all.clone()],
+            // A surface with one open part is open.
+            [Closed::Nowhere, all.clone(), Closed::Nowhere],
+            [planes(2), planes(6), planes(6)],
+            [planes(6), Closed::Nowhere, Closed::Nowhere],
+        ] {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("a.ply");
             let mut file = std::fs::File::create(&path).unwrap();
             let mut writer = SurfelWriter::new(&mut file, Blend::Linear);
-            let last = ROWS + 20;
-            // A surface with one open part is open.
-            for (part, closed) in [([0, 7], true), ([7, 12], is_closed), ([12, last], true)] {
+            let end = ROWS + 20;
+            for (part, closed) in [([0, 7], &all), ([7, 12], &middle), ([12, end], &last)] {
                 writer.write(&discs(part, closed)).unwrap();
             }
-            assert_eq!(writer.finish().unwrap(), last);
+            assert_eq!(writer.finish().unwrap(), end);
             let opened = crate::open(&path, &OpenOptions::default()).unwrap();
             assert_eq!(
                 opened.content,
-                Content::Splats { splats: discs([0, last], is_closed), blend: Blend::Linear }
+                Content::Splats { splats: discs([0, end], &whole), blend: Blend::Linear }
             );
         }
     }
@@ -367,12 +400,14 @@ mod tests {
     fn parts_that_do_not_fit_are_refused() {
         let mut bytes = std::io::Cursor::new(Vec::new());
         let mut writer = SurfelWriter::new(&mut bytes, Blend::Linear);
-        writer.write(&discs([0, 3], true)).unwrap();
-        let unlit = Splats { material: Material::UNLIT, ..discs([3, 4], true) };
-        for other in [unlit, Splats { normals: None, ..discs([3, 4], true) }] {
+        writer.write(&discs([0, 3], &Closed::EVERYWHERE)).unwrap();
+        let unlit = Splats { material: Material::UNLIT, ..discs([3, 4], &Closed::EVERYWHERE) };
+        for other in [unlit, Splats { normals: None, ..discs([3, 4], &Closed::EVERYWHERE) }] {
             assert!(writer.write(&other).unwrap_err().to_string().contains("one kind"));
         }
-        assert!(writer.write(&discs([3, 3], true)).unwrap_err().to_string().contains("no splats"));
+        assert!(
+            writer.write(&discs([3, 3], &Closed::EVERYWHERE)).unwrap_err().to_string().contains("no splats")
+        );
         assert_eq!(writer.finish().unwrap(), 3);
         let empty = SurfelWriter::new(&mut bytes, Blend::Linear).finish();
         assert!(empty.unwrap_err().to_string().contains("no splats"));

@@ -18,8 +18,10 @@ use super::body::{Body, Column};
 use super::header::{Element, Header, Kind};
 use crate::file::File;
 use crate::{Content, ImportError, Opened, Place};
-use glam::{Mat3, Vec3};
-use oblate_engine::{Blend, Harmonics, Material, OpacityFilter, Shapes, Splats, Strength, Surface};
+use glam::{DVec3, Mat3, Vec3};
+use oblate_engine::{
+    Blend, Closed, HalfSpace, Harmonics, Material, OpacityFilter, Shapes, Splats, Strength, Surface,
+};
 use std::collections::HashMap;
 use std::fmt;
 
@@ -37,7 +39,7 @@ pub(crate) fn harmonic(number: usize) -> [String; 3] {
 }
 
 /// What is said once for all splats, in the comment.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Description {
     pub(crate) strength: Kernel,
     /// `shapes`: whether all splats have one factor (`shared`) or each has its own (`each`).
@@ -51,10 +53,11 @@ pub(crate) struct Description {
 }
 
 /// `strength`, with what belongs to it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Kernel {
-    /// `surface`, with `depth_tolerance`, `coverage_floor` and `closed` (0 or 1).
-    Surface { depth_tolerance: f32, coverage_floor: f32, closed: bool },
+    /// `surface`, with `depth_tolerance`, `coverage_floor`, `closed` (0 or 1), and where it is closed within half-spaces alone, `within`:
+    /// four numbers each, the normal's and the offset.
+    Surface { depth_tolerance: f32, coverage_floor: f32, closed: Closed },
     /// `extinction`.
     Extinction,
     /// `opacity`, with `filter`: `classic` or `compensated`.
@@ -63,7 +66,7 @@ pub(crate) enum Kernel {
 
 impl Kernel {
     /// The property with each splat's strength.
-    pub(crate) fn property(self) -> &'static str {
+    pub(crate) fn property(&self) -> &'static str {
         match self {
             Self::Surface { .. } => "area",
             Self::Extinction => "mass",
@@ -76,12 +79,11 @@ impl Kernel {
 impl fmt::Display for Description {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{MARK} 1 strength ")?;
-        match self.strength {
-            Kernel::Surface { depth_tolerance, coverage_floor, closed } => write!(
-                f,
-                "surface depth_tolerance {depth_tolerance:?} coverage_floor {coverage_floor:?} closed {}",
-                u8::from(closed)
-            )?,
+        match &self.strength {
+            Kernel::Surface { depth_tolerance, coverage_floor, closed } => {
+                write!(f, "surface depth_tolerance {depth_tolerance:?} coverage_floor {coverage_floor:?}")?;
+                write_closed(f, closed)?;
+            }
             Kernel::Extinction => write!(f, "extinction")?,
             Kernel::Opacity(OpacityFilter::Classic) => write!(f, "opacity filter classic")?,
             Kernel::Opacity(OpacityFilter::Compensated) => write!(f, "opacity filter compensated")?,
@@ -96,6 +98,16 @@ impl fmt::Display for Description {
             if self.blend == Blend::Linear { "linear" } else { "display" },
         )
     }
+}
+
+fn write_closed(f: &mut fmt::Formatter<'_>, closed: &Closed) -> fmt::Result {
+    let Closed::Within(planes) = closed else { return write!(f, " closed 0") };
+    write!(f, " closed 1")?;
+    for (number, HalfSpace { normal, offset }) in planes.iter().enumerate() {
+        let DVec3 { x, y, z } = normal;
+        write!(f, "{}{x:?},{y:?},{z:?},{offset:?}", if number == 0 { " within " } else { "," })?;
+    }
+    Ok(())
 }
 
 /// Keys and values of a comment that have not been asked for yet.
@@ -115,6 +127,24 @@ impl Words<'_> {
         let found = self.0.remove(key).ok_or_else(|| format!("{key:?} is missing"))?;
         let number = found.parse().ok().filter(|number: &f32| number.is_finite() && right(*number));
         number.ok_or_else(|| format!("{key} is {found:?}; {expected}"))
+    }
+
+    fn closed(&mut self) -> Result<Closed, String> {
+        let is_closed = self.one_of("closed", &[("0", false), ("1", true)])?;
+        let Some(list) = self.0.remove("within").filter(|_| is_closed) else { return Ok(is_closed.into()) };
+        let wrong = || {
+            format!("within is {list:?}; it is four numbers for each half-space, the first three not all 0")
+        };
+        let numbers: Option<Vec<f64>> = list.split(',').map(|number| number.parse().ok()).collect();
+        let numbers = numbers.filter(|numbers| numbers.iter().all(|number: &f64| number.is_finite()));
+        let numbers = numbers.ok_or_else(wrong)?;
+        let (planes, rest) = numbers.as_chunks();
+        let plane = |&[x, y, z, offset]: &[f64; 4]| HalfSpace { normal: DVec3::new(x, y, z), offset };
+        let planes: Vec<HalfSpace> = planes.iter().map(plane).collect();
+        if !rest.is_empty() || planes.iter().any(|plane| plane.normal == DVec3::ZERO) {
+            return Err(wrong());
+        }
+        Ok(Closed::Within(planes))
     }
 }
 
@@ -137,7 +167,7 @@ impl Description {
                     |floor| floor > 0.0 && floor <= 1.0,
                     "it must be above 0 and at most 1",
                 )?,
-                closed: words.one_of("closed", &[("0", false), ("1", true)])?,
+                closed: words.closed()?,
             },
             1 => Kernel::Extinction,
             _ => Kernel::Opacity(words.one_of(
@@ -277,7 +307,7 @@ impl<'a> Columns<'a> {
         let share = |value: f32| (0.0..=1.0).contains(&value);
         const NOT_NEGATIVE: &str = "it must be finite and at least 0";
         const SHARE: &str = "an opacity is from 0 to 1";
-        let strength = match description.strength {
+        let strength = match description.strength.clone() {
             Kernel::Surface { depth_tolerance, coverage_floor, closed } => {
                 let areas = strengths(&mut self, &not_negative, NOT_NEGATIVE)?;
                 let translucent = element.kind("opacity").is_some();

@@ -7,7 +7,7 @@ use super::{DepthError, RgbdImage};
 use glam::{Mat3, Vec3};
 use oblate_engine::cloud::Material;
 use oblate_engine::simd::{Level, dispatch};
-use oblate_engine::{Cloud, Intrinsics, Surfel, SurfelLook};
+use oblate_engine::{Closed, Cloud, Intrinsics, Surfel, SurfelLook};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -115,7 +115,7 @@ impl<'a> Maker<'a> {
             opacity: 1.0,
             depth_tolerance: (DEPTH_TOLERANCE * pixel_width) as f32,
             coverage_floor: COVERAGE_FLOOR,
-            closed: true,
+            closed: Closed::EVERYWHERE,
             material: settings.material,
         };
         let cloud = Cloud::of_surfels(known.len(), &look, |numbers| {

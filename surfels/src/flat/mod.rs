@@ -178,7 +178,8 @@ fn merged_splats(
                 .as_ref()
                 .map(|_| patches.iter().map(|patch| patch.mean.opacity).collect()),
             depth_tolerance: surface.depth_tolerance + distance as f32,
-            ..*surface
+            coverage_floor: surface.coverage_floor,
+            closed: surface.closed.clone(),
         }),
         colors: patches.iter().map(|patch| patch.mean.color).collect(),
         harmonics: None,

@@ -4,9 +4,9 @@ use super::color::colors;
 use super::tangent::{Polygon, Spread, cell_area, spread};
 use super::{PointCloud, PointError, PointSettings};
 use glam::{DAffine3, DVec3, Vec3};
-use oblate_engine::Cloud;
 use oblate_engine::cloud::{Shapes, Splats, Strength, Surface, oblate_factor};
 use oblate_engine::neighbors::{Found, Leaf, Tree};
+use oblate_engine::{Closed, Cloud};
 use rayon::prelude::*;
 use std::f32::consts::PI;
 
@@ -76,7 +76,7 @@ pub fn point_surfels(points: &PointCloud, settings: &PointSettings) -> Result<Cl
             opacities: None,
             depth_tolerance: 2.0 * median,
             coverage_floor: POINT_COVERAGE_FLOOR,
-            closed: false,
+            closed: Closed::Nowhere,
         }),
         colors: surfels.par_iter().map(|surfel| surfel.color).collect(),
         harmonics: None,

@@ -3,6 +3,7 @@
 use oblate_engine::simd::Level;
 
 use super::columns::Columns;
+use super::ends::Ends;
 use super::hierarchy::{Hierarchy, SIDE};
 use super::lanes::*;
 use super::polygon::Geometry;
@@ -42,8 +43,7 @@ pub(super) struct Scratch {
     splines: [Window; 2],
     group: Box<Group>,
     pub(super) surfels: Columns,
-    /// Whether the surface ends somewhere in the block.
-    pub(super) open: bool,
+    pub(super) ends: Ends,
 }
 
 impl Scratch {
@@ -53,7 +53,7 @@ impl Scratch {
             splines: [Window::default(), Window::default()],
             group: Box::new(Group::new()),
             surfels: Columns::default(),
-            open: false,
+            ends: Ends::default(),
         }
     }
 
@@ -61,7 +61,7 @@ impl Scratch {
     #[inline(always)]
     pub(super) fn block<S: Simd, T: Scalar>(&mut self, simd: S, search: &Search<'_, T>, block: [usize; 3]) {
         self.surfels.clear();
-        self.open = false;
+        self.ends = Ends::default();
         for base in search.hierarchy.bricks(block, search.value) {
             self.brick(simd, search, base);
         }
@@ -112,11 +112,11 @@ impl Scratch {
                     let i = i as usize;
                     let index = [base[0] + i, base[1] + j, base[2] + k];
                     if inside | outside != 0xff {
-                        self.open = true;
+                        self.ends.has_gaps = true;
                         continue;
                     }
                     if is_at_border {
-                        self.open |= ends_at_border([inside, outside], index, dims);
+                        self.ends.faces |= faces_crossed([inside, outside], index, dims);
                     }
                     for sheet in sheets_of[usize::from(inside)] {
                         if sheet == 0 {
@@ -167,11 +167,12 @@ fn sides_of<S: Simd>(simd: S, row: &[f32; ROW]) -> u32 {
     (inside >> HALO) as u32 & own | ((outside >> HALO) as u32 & own) << OUTSIDE
 }
 
-/// Whether a surface goes through the side of a cell that is the grid's border.
-fn ends_at_border([inside, outside]: [u8; 2], index: [usize; 3], dims: [usize; 3]) -> bool {
-    (0..6).any(|face| {
+/// The faces of the grid at which a surface leaves it through a cell.
+fn faces_crossed([inside, outside]: [u8; 2], index: [usize; 3], dims: [usize; 3]) -> u8 {
+    let is_crossed = |face: &usize| {
         let axis = face / 2;
         let at_border = if face % 2 == 0 { index[axis] == 0 } else { index[axis] + 2 == dims[axis] };
-        at_border && inside & FACE_CORNERS[face] != 0 && outside & FACE_CORNERS[face] != 0
-    })
+        at_border && inside & FACE_CORNERS[*face] != 0 && outside & FACE_CORNERS[*face] != 0
+    };
+    (0..6).filter(is_crossed).fold(0, |faces, face| faces | 1 << face)
 }

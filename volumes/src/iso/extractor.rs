@@ -6,6 +6,7 @@ use oblate_engine::simd::dispatch;
 use rayon::prelude::*;
 
 use super::cells::{Scratch, Search};
+use super::ends::Ends;
 use super::hierarchy::Hierarchy;
 use super::polygon::Geometry;
 use super::slab::{Scalar, with_slab};
@@ -72,10 +73,11 @@ impl<V: Borrow<Volume>> IsoExtractor<V> {
         surfels: &mut IsoSurfels,
     ) -> Result<(), IsoError> {
         let volume = self.volume();
-        let geometry = geometry(volume.frame(), volume.dims(), value)?;
-        with_slab!(volume.voxels(), volume.dims(), 0, slab => {
+        let dims = volume.dims();
+        let geometry = geometry(volume.frame(), dims, value)?;
+        with_slab!(volume.voxels(), dims, 0, slab => {
             let search = Search::new(slab, &self.hierarchy, &geometry, (value, interpolation));
-            surfels.open = find(&search, &mut surfels.blocks);
+            surfels.closed = find(&search, &mut surfels.blocks).closed(volume.frame(), dims);
         });
         (surfels.frame, surfels.irregular) = (volume.frame(), false);
         Ok(())
@@ -99,18 +101,18 @@ pub(super) fn geometry(frame: GridFrame, dims: [usize; 3], value: f32) -> Result
     Ok(geometry)
 }
 
-/// Finds the surfels of all blocks; says whether the surface ends somewhere.
-pub(super) fn find<T: Scalar>(search: &Search<'_, T>, found: &mut Vec<Block>) -> bool {
+/// Finds the surfels of all blocks; says where the body ends.
+pub(super) fn find<T: Scalar>(search: &Search<'_, T>, found: &mut Vec<Block>) -> Ends {
     let blocks = search.hierarchy.blocks(search.value);
     found.resize_with(blocks.len(), Block::default);
     let level = search.level;
     let one = |scratch: &mut Scratch, (to, block): (&mut Block, &[usize; 3])| {
         dispatch!(level, simd => scratch.block(simd, search, *block));
         scratch.surfels.gather(&mut to.numbers);
-        scratch.open
+        scratch.ends
     };
     let ends = found.par_iter_mut().zip(&blocks).map_init(Scratch::new, one);
-    ends.reduce(|| false, |a, b| a | b)
+    ends.reduce(Ends::default, Ends::and).and(Ends::of_corners(search.slab, search.value))
 }
 
 #[cfg(test)]
@@ -136,7 +138,7 @@ mod tests {
                 let search =
                     Search { level, ..Search::new(slab, &hierarchy, &geometry, (0.5, interpolation)) };
                 let mut found = IsoSurfels { frame, ..IsoSurfels::default() };
-                found.open = find(&search, &mut found.blocks);
+                found.closed = find(&search, &mut found.blocks).closed(frame, dims);
                 found
             };
             let levels = Level::ALL.into_iter().filter(|level| level.is_available());

@@ -9,6 +9,7 @@
 mod cells;
 mod columns;
 mod descent;
+mod ends;
 mod extractor;
 mod hierarchy;
 mod interpolant;

@@ -53,7 +53,7 @@ pub fn stream_iso_surfels<E: From<IsoError>>(
         with_slab!(&voxels, dims, first, slab => {
             let hierarchy = Hierarchy::new(slab, [begin, end]);
             let search = Search::new(slab, &hierarchy, &geometry, (value, interpolation));
-            surfels.open = find(&search, &mut surfels.blocks);
+            surfels.closed = find(&search, &mut surfels.blocks).closed(frame, dims);
         });
         each(&surfels)?;
     }

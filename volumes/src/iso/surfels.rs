@@ -7,7 +7,7 @@ use bytemuck::allocation::cast_vec;
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
-use oblate_engine::{Cloud, Shapes, Splats, Strength, Surface, Surfel, SurfelLook};
+use oblate_engine::{Closed, Cloud, Shapes, Splats, Strength, Surface, Surfel, SurfelLook};
 
 use super::surfel::{IsoSurfel, NUMBERS};
 use super::{COVERAGE_FLOOR, IRREGULAR_COVERAGE_FLOOR, IsoError, IsoSettings};
@@ -21,13 +21,19 @@ const SURFEL_RADIUS: f64 = 0.6;
 const MEAN_RADIUS: f64 = 0.54;
 
 /// The surfels of a surface: 40 bytes each, block of cells by block, in Morton order of bricks of 8×8×8 cells.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct IsoSurfels {
     pub(super) blocks: Vec<Block>,
-    pub(super) open: bool,
+    pub(super) closed: Closed,
     pub(super) frame: GridFrame,
     /// Whether its cells were cubes of index space that lie elsewhere.
     pub(super) irregular: bool,
+}
+
+impl Default for IsoSurfels {
+    fn default() -> Self {
+        Self { blocks: Vec::new(), closed: Closed::EVERYWHERE, frame: GridFrame::default(), irregular: false }
+    }
 }
 
 /// The surfels of a block of cells.
@@ -82,9 +88,14 @@ impl IsoSurfels {
         self.blocks.iter().flat_map(Block::iter)
     }
 
-    /// Whether the surface ends nowhere: neither at the grid's border nor beside values that are not finite.
+    /// Whether the body of values from `iso` on ends nowhere: neither at the grid's border nor beside values that are not finite.
     pub fn is_closed(&self) -> bool {
-        !self.open
+        self.closed.is_everywhere()
+    }
+
+    /// From where no backs are seen: where the body ends at the grid's border, from this side of those of its faces.
+    pub fn closed(&self) -> &Closed {
+        &self.closed
     }
 
     /// The area of the surface, in squared world units: the sum of its polygons'.
@@ -102,6 +113,8 @@ impl IsoSurfels {
     /// The same surface elsewhere: each surfel as `to` makes it, relative to the frame's origin; what it makes nothing of is left out. The
     /// frame's spacing becomes that of surfels as long as these are, on average by area.
     pub(crate) fn mapped(self, frame: GridFrame, to: impl Fn(IsoSurfel) -> Option<IsoSurfel> + Sync) -> Self {
+        // Faces of the grid may be bent.
+        let closed = self.is_closed().into();
         let blocks: Vec<Block> = self.blocks.into_par_iter().map(|block| block.mapped(&to)).collect();
         let of_block = |[areas, lengths]: [f64; 2], surfel: IsoSurfel| {
             let area = f64::from(surfel.area);
@@ -109,12 +122,12 @@ impl IsoSurfels {
         };
         let [areas, lengths] = blocks.iter().flat_map(Block::iter).fold([0.0; 2], of_block);
         let spacing = if areas > 0.0 { lengths / areas / MEAN_RADIUS } else { 1.0 };
-        Self {
-            blocks,
-            open: self.open,
-            irregular: true,
-            frame: GridFrame { spacing: DVec3::splat(spacing), ..frame },
-        }
+        Self { blocks, closed, irregular: true, frame: GridFrame { spacing: DVec3::splat(spacing), ..frame } }
+    }
+
+    /// Backs are seen through what is translucent.
+    fn closed_if(&self, settings: &IsoSettings) -> Closed {
+        if settings.opacity < 1.0 { Closed::Nowhere } else { self.closed.clone() }
     }
 
     fn coverage_floor(&self) -> f32 {
@@ -144,7 +157,7 @@ impl IsoSurfels {
                 opacities: (settings.opacity < 1.0).then(|| vec![settings.opacity; len]),
                 depth_tolerance: self.depth_tolerance(),
                 coverage_floor: self.coverage_floor(),
-                closed: self.is_closed(),
+                closed: self.closed_if(settings),
             }),
             colors: cast_vec(arrays.colors),
             harmonics: None,
@@ -164,7 +177,7 @@ impl IsoSurfels {
             opacity: settings.opacity,
             depth_tolerance: self.depth_tolerance(),
             coverage_floor: self.coverage_floor(),
-            closed: self.is_closed(),
+            closed: self.closed_if(settings),
             material: settings.material,
         };
         let ends: Vec<usize> = self

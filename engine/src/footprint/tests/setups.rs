@@ -164,7 +164,7 @@ pub(super) fn cloud(setup: &Setup, splats: &[Seen], camera: &Camera) -> Cloud {
             opacities: Some(strengths),
             depth_tolerance: 0.1,
             coverage_floor: 0.9,
-            closed: kind == 3,
+            closed: (kind == 3).into(),
         }),
     };
     let per_splat = Harmonics::count(setup.degree);

@@ -110,7 +110,7 @@ impl WideProjector<'_> {
         let zero = splat(simd, 0.0);
         let strength = V::simd_from(simd, columns.strengths.block(block)[0]) * self.strength_scale;
         let cutoff = splat(simd, self.cutoff);
-        match columns.kind {
+        match &columns.kind {
             columns::Kind::Extinction => {
                 let amplitude = strength * footprints.unit_integral;
                 let is_seen = amplitude.simd_gt(zero);
@@ -155,7 +155,7 @@ impl WideProjector<'_> {
                 let mut is_seen = amplitude.abs().simd_gt(zero)
                     | slope[0].abs().simd_gt(zero)
                     | slope[1].abs().simd_gt(zero);
-                if surface.closed {
+                if self.scalar.hides_backs {
                     is_seen &= facing.simd_lt(zero);
                 }
                 Looks { amplitude, slope, color, normal, cutoff, is_seen }

@@ -37,8 +37,6 @@ pub(super) struct WideProjector<'a> {
     strength_scale: f32,
     /// A cloud that is stretched unevenly has another area scale for each surfel.
     is_even: bool,
-    /// Of a closed surface only what faces the viewer is seen.
-    is_closed: bool,
     cutoff: f32,
     low_pass: f32,
     near: f32,
@@ -91,7 +89,6 @@ impl<'a> WideProjector<'a> {
             handedness: linear.determinant().signum() as f32,
             strength_scale: strength_scale as f32,
             is_even: !is_surface || is_similarity(linear),
-            is_closed: matches!(scalar.columns.kind, columns::Kind::Surface(surface) if surface.closed),
             cutoff: cutoff as f32,
             low_pass: lens.low_pass.powi(2) as f32,
             near: scalar.view.camera.near() as f32,
@@ -149,7 +146,7 @@ impl<'a> WideProjector<'a> {
                 |i| from_middle[i] - eye.to_array()[i] as f32,
             );
             let half_axes = self.half_axes(simd, block);
-            if self.is_closed && self.all_face_away(simd, &placed, &half_axes) {
+            if self.scalar.hides_backs && self.all_face_away(simd, &placed, &half_axes) {
                 continue;
             }
             let colors = self.colors(simd, block, &placed, towards);

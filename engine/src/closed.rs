@@ -1,0 +1,141 @@
+//! From where surfaces are closed.
+
+use crate::clip::HalfSpace;
+use crate::cloud::{CloudError, wrong};
+use glam::{DAffine3, DVec3};
+
+/// From where a surface is closed: what of its splats faces away from an eye there is not drawn.
+///
+/// Whoever is outside of a body sees its fronts alone. Of one that ends at planes, as an iso-surface does at the border of its grid,
+/// backs are seen through those planes only: a ray that begins within all of the half-spaces leaves each at most once, so it enters the
+/// body through a front.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Closed {
+    /// Backs may be seen from anywhere.
+    Nowhere,
+    /// Nobody within all of the half-spaces, in the space of the splats, sees backs. Where there are none that is nobody.
+    Within(Vec<HalfSpace>),
+}
+
+impl Closed {
+    /// A closed surface, or one whose backs are not to be seen.
+    pub const EVERYWHERE: Self = Self::Within(Vec::new());
+
+    /// Whether backs are seen from nowhere.
+    pub fn is_everywhere(&self) -> bool {
+        *self == Self::EVERYWHERE
+    }
+
+    /// Of a surface made of this one and another.
+    #[must_use]
+    pub fn and(self, other: &Self) -> Self {
+        match (self, other) {
+            (Self::Within(mut own), Self::Within(others)) => {
+                let new = others.iter().filter(|plane| !own.contains(plane)).copied().collect::<Vec<_>>();
+                own.extend(new);
+                Self::Within(own)
+            }
+            _ => Self::Nowhere,
+        }
+    }
+
+    /// Whether no backs are seen by a camera at the origin that looks along z; where rays are parallel by one far behind it.
+    pub(crate) fn is_for(&self, camera_to_cloud: &DAffine3, is_perspective: bool) -> bool {
+        let (eye, nearness) = if is_perspective {
+            (camera_to_cloud.translation, 1.0)
+        } else {
+            (camera_to_cloud.matrix3 * DVec3::NEG_Z, 0.0)
+        };
+        match self {
+            Self::Nowhere => false,
+            Self::Within(planes) => {
+                planes.iter().all(|plane| plane.normal.dot(eye) >= plane.offset * nearness)
+            }
+        }
+    }
+
+    /// Of a surface that is moved.
+    #[must_use]
+    pub fn translated(mut self, by: DVec3) -> Self {
+        if let Self::Within(planes) = &mut self {
+            planes.iter_mut().for_each(|plane| plane.offset += plane.normal.dot(by));
+        }
+        self
+    }
+
+    pub(crate) fn check(&self) -> Result<(), CloudError> {
+        let Self::Within(planes) = self else { return Ok(()) };
+        let is_right = |plane: &HalfSpace| {
+            plane.normal.is_finite() && plane.normal != DVec3::ZERO && plane.offset.is_finite()
+        };
+        match planes.iter().find(|plane| !is_right(plane)) {
+            Some(plane) => {
+                let expected = "a half-space has a finite normal that is not zero, and a finite offset";
+                Err(wrong(0, "ends", format!("{plane:?}"), expected))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+impl From<bool> for Closed {
+    fn from(is_closed: bool) -> Self {
+        if is_closed { Self::EVERYWHERE } else { Self::Nowhere }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DMat3;
+
+    fn looking_along_z_from(eye: DVec3) -> DAffine3 {
+        DAffine3::from_mat3_translation(DMat3::IDENTITY, eye)
+    }
+
+    #[test]
+    fn backs_are_seen_through_planes_alone() {
+        let above = HalfSpace { normal: DVec3::new(0.0, 0.0, 2.0), offset: 2.0 };
+        let right = HalfSpace { normal: DVec3::X, offset: -1.0 };
+        let closed = Closed::Within(vec![above, right]);
+        for (eye, expected) in [
+            (DVec3::new(0.0, 9.0, 1.5), true),
+            (DVec3::new(0.0, 9.0, 0.5), false),
+            (DVec3::new(-2.0, 9.0, 1.5), false),
+        ] {
+            let camera = looking_along_z_from(eye);
+            assert_eq!(closed.is_for(&camera, true), expected, "{eye}");
+            // Its rays come from below the plane, wherever it is.
+            assert!(!closed.is_for(&camera, false), "{eye}");
+            let by = DVec3::new(3.0, 4.0, 5.0);
+            let moved = looking_along_z_from(eye + by);
+            assert_eq!(closed.clone().translated(by).is_for(&moved, true), expected, "{eye}");
+            assert!(Closed::EVERYWHERE.is_for(&camera, true) && !Closed::Nowhere.is_for(&camera, true));
+        }
+        let downwards = DAffine3::from_axis_angle(DVec3::X, std::f64::consts::PI);
+        assert!(closed.is_for(&downwards, false));
+        let along_x = DAffine3::from_axis_angle(DVec3::Y, std::f64::consts::FRAC_PI_2);
+        assert!(!Closed::Within(vec![right]).is_for(&along_x, false));
+        // Rays along a plane don't go through it.
+        let beside = HalfSpace { normal: DVec3::Y, offset: 5.0 };
+        assert!(Closed::Within(vec![beside]).is_for(&along_x, false));
+    }
+
+    #[test]
+    fn parts_end_where_each_of_them_does() {
+        let plane = |x: f64| HalfSpace { normal: DVec3::X, offset: x };
+        let [a, b] = [1.0, 2.0].map(|x| Closed::Within(vec![plane(x)]));
+        assert_eq!(a.clone().and(&b), Closed::Within(vec![plane(1.0), plane(2.0)]));
+        assert_eq!(a.clone().and(&a), a);
+        assert_eq!(Closed::EVERYWHERE.and(&b), b);
+        assert_eq!(a.and(&Closed::Nowhere), Closed::Nowhere);
+    }
+
+    #[test]
+    fn wrong_planes_are_refused() {
+        for (normal, offset) in [(DVec3::ZERO, 0.0), (DVec3::NAN, 0.0), (DVec3::X, f64::INFINITY)] {
+            let closed = Closed::Within(vec![HalfSpace { normal, offset }]);
+            assert!(closed.check().is_err(), "{normal} {offset}");
+        }
+    }
+}
