@@ -82,6 +82,9 @@ impl Frame {
     }
 }
 
+/// Rows that one thread writes at a time: as few as a tile may have.
+pub(crate) const BAND: usize = 8;
+
 /// Some rows of a frame.
 pub(crate) struct FrameRows<'a> {
     width: usize,

@@ -12,7 +12,7 @@ use crate::composite::{Compositor, lead};
 use crate::cull::{VisibleRange, find_affordable, touched_pixels};
 use crate::cuts::KeptCuts;
 use crate::footprint::{Lens, Records, SceneView};
-use crate::frame::{Channels, Frame, FrameRows};
+use crate::frame::{BAND, Channels, Frame, FrameRows};
 use crate::grow::grow;
 use crate::lattice::Lattice;
 use crate::layers::{LayerBuilder, depth_tolerances};
@@ -311,7 +311,8 @@ impl Renderer {
             observer,
             level: *level,
         };
-        let bands: Vec<Mutex<FrameRows>> = self.frame.bands(*side).map(Mutex::new).collect();
+        let bands: Vec<Mutex<FrameRows>> = self.frame.bands(BAND).map(Mutex::new).collect();
+        let bands_of = |index: usize| &bands[index / columns * (*side / BAND)..];
         let tile_of = |index: usize| Tile::new([index % columns, index / columns], *side, picture);
         let store = |counts: &[AtomicU64; 2], found: [u64; 2]| {
             counts.iter().zip(found).for_each(|(sum, own)| sum.store(own, Relaxed));
@@ -327,7 +328,7 @@ impl Renderer {
                 }
                 let tile = (tile_of(index), surfaces_of(index));
                 let found = if visible[1].is_empty() {
-                    drawer.draw_surfaces(tile, buffers, &bands[index / columns])
+                    drawer.draw_surfaces(tile, buffers, bands_of(index))
                 } else {
                     drawer.keep_cuts(tile, buffers, (cuts, index))
                 };
@@ -349,7 +350,7 @@ impl Renderer {
             if occlusion.changed()[index] || lattice.is_stale(tile) {
                 let listed = if lattice.is_used() { lattice.tile_of(tile) } else { index };
                 let lists = [surfaces_of(index), volumes.lists.tile(listed)];
-                let more = ((&*cuts, index), &*lattice, &bands[index / columns]);
+                let more = ((&*cuts, index), &*lattice, bands_of(index));
                 store(&counts[index], drawer.draw((tile, lists), buffers, more));
             }
         });

@@ -4,7 +4,7 @@ use crate::color::linear_to_srgb;
 use crate::composite::{Runs, Seeing, Seen};
 use crate::cuts::{Cut, Cuts};
 use crate::footprint::{Lens, SurfaceSample};
-use crate::frame::{Channels, Frame, FrameRows};
+use crate::frame::{BAND, Channels, Frame, FrameRows};
 use crate::scene::{Blend, RenderSettings};
 use crate::shade::Shader;
 use crate::simd::*;
@@ -45,7 +45,7 @@ struct Rest {
 }
 
 impl Resolver<'_> {
-    /// Finishes a tile, then writes it into the rows of the frame that it belongs to; others wait for these only meanwhile.
+    /// Finishes a tile, then writes it into the frame from the band on in which it begins; others wait for a band only meanwhile.
     /// Without a list there are no `runs`.
     #[inline(always)]
     pub(crate) fn tile<S: Simd>(
@@ -53,7 +53,7 @@ impl Resolver<'_> {
         simd: S,
         tile: Tile,
         (cuts, runs): (&Cuts, Option<&Runs>),
-        (Resolved { colors, rests }, rows): (&mut Resolved, &Mutex<FrameRows>),
+        (Resolved { colors, rests }, bands): (&mut Resolved, &[Mutex<FrameRows>]),
     ) {
         let background = self.background(simd);
         let empty = self.color(simd, Seeing::load(simd, &Seen::CLEAR), background);
@@ -78,23 +78,31 @@ impl Resolver<'_> {
                 rests[block] = self.rest(simd, seen, cut);
             }
         }
-        let mut rows = rows.lock().unwrap_or_else(PoisonError::into_inner);
-        for block in tile.visible_blocks() {
-            let [columns, height] = tile.visible(block);
-            let [left, top] = tile.corner(block);
-            let place = |row: usize| rows.place(tile.origin[0] + left, top + row);
-            let places: [usize; BLOCK_SIDE] = std::array::from_fn(place);
-            for (place, color) in places[..height].iter().zip(colors[block].as_chunks::<BLOCK_SIDE>().0) {
-                let to = &mut rows.color[*place..*place + columns];
-                match to.first_chunk_mut() {
-                    // A length that is known needs no call.
-                    Some(to) => *to = *color,
-                    None => to.copy_from_slice(&color[..columns]),
+        let side = tile.blocks_a_side();
+        for (band, first) in bands.iter().zip((0..side).step_by(BAND / BLOCK_SIDE)) {
+            let mut rows = band.lock().unwrap_or_else(PoisonError::into_inner);
+            let of_column =
+                |column: usize| (first..first + BAND / BLOCK_SIDE).map(move |row| column * side + row);
+            for block in (0..side).flat_map(of_column) {
+                let [columns, height] = tile.visible(block);
+                if columns == 0 || height == 0 {
+                    continue;
                 }
-            }
-            if let Some(rest) = rests.get(block) {
-                for (place, first) in places[..height].iter().zip((0..).step_by(BLOCK_SIDE)) {
-                    rest.write(first..first + columns, *place..*place + columns, &mut rows);
+                let [left, top] = tile.corner(block);
+                let place = |row: usize| rows.place(tile.origin[0] + left, top - first * BLOCK_SIDE + row);
+                let places: [usize; BLOCK_SIDE] = std::array::from_fn(place);
+                for (place, color) in places[..height].iter().zip(colors[block].as_chunks::<BLOCK_SIDE>().0) {
+                    let to = &mut rows.color[*place..*place + columns];
+                    match to.first_chunk_mut() {
+                        // A length that is known needs no call.
+                        Some(to) => *to = *color,
+                        None => to.copy_from_slice(&color[..columns]),
+                    }
+                }
+                if let Some(rest) = rests.get(block) {
+                    for (place, first) in places[..height].iter().zip((0..).step_by(BLOCK_SIDE)) {
+                        rest.write(first..first + columns, *place..*place + columns, &mut rows);
+                    }
                 }
             }
         }

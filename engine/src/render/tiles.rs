@@ -133,10 +133,10 @@ impl TileDrawer<'_> {
         &self,
         (tile, surfaces): (Tile, &[AtomicU32]),
         TileBuffers { layers, cuts, resolved, .. }: &mut TileBuffers,
-        band: &Mutex<FrameRows>,
+        bands: &[Mutex<FrameRows>],
     ) -> u64 {
         let count = self.cut((tile, surfaces), (layers, cuts));
-        self.resolve(tile, (cuts, None), (resolved, band));
+        self.resolve(tile, (cuts, None), (resolved, bands));
         count
     }
 
@@ -146,7 +146,7 @@ impl TileDrawer<'_> {
         &self,
         (tile, [surfaces, volumes]): (Tile, [&[AtomicU32]; 2]),
         buffers: &mut TileBuffers,
-        (kept, lattice, band): ((&KeptCuts, usize), &Lattice, &Mutex<FrameRows>),
+        (kept, lattice, bands): ((&KeptCuts, usize), &Lattice, &[Mutex<FrameRows>]),
     ) -> [u64; 2] {
         let Self { compositor, resolver, looked, observer, level, .. } = self;
         let TileBuffers { layers, cuts, kernels, runs, list, resolved } = buffers;
@@ -180,7 +180,7 @@ impl TileDrawer<'_> {
             });
         }
         looked.store_reached(tile, reached);
-        self.resolve(tile, (cuts, has_runs.then_some(&*runs)), (resolved, band));
+        self.resolve(tile, (cuts, has_runs.then_some(&*runs)), (resolved, bands));
         found
     }
 
@@ -188,11 +188,11 @@ impl TileDrawer<'_> {
         &self,
         tile: Tile,
         (cuts, runs): (&Cuts, Option<&Runs>),
-        (resolved, band): (&mut Resolved, &Mutex<FrameRows>),
+        (resolved, bands): (&mut Resolved, &[Mutex<FrameRows>]),
     ) {
         let Self { resolver, observer, level, .. } = self;
         watched(*observer, Stage::Resolve, || {
-            dispatch!(*level, simd => resolver.tile(simd, tile, (cuts, runs), (resolved, band)));
+            dispatch!(*level, simd => resolver.tile(simd, tile, (cuts, runs), (resolved, bands)));
         });
     }
 }
