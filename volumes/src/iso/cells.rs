@@ -171,8 +171,8 @@ fn sides_of<S: Simd>(simd: S, row: &[f32; ROW]) -> u32 {
 fn faces_crossed([inside, outside]: [u8; 2], index: [usize; 3], dims: [usize; 3]) -> u8 {
     let is_crossed = |face: &usize| {
         let axis = face / 2;
-        let at_border = if face % 2 == 0 { index[axis] == 0 } else { index[axis] + 2 == dims[axis] };
-        at_border && inside & FACE_CORNERS[*face] != 0 && outside & FACE_CORNERS[*face] != 0
+        let at_border = [index[axis] == 0, index[axis] + 2 == dims[axis]];
+        at_border[face % 2] && inside & FACE_CORNERS[*face] != 0 && outside & FACE_CORNERS[*face] != 0
     };
     (0..6).filter(is_crossed).fold(0, |faces, face| faces | 1 << face)
 }
