@@ -235,7 +235,7 @@ impl Cloud {
         matches!(self.columns().kind, Kind::Surface(_))
     }
 
-    /// Whether it is a surface of which no backs are seen by a camera at the origin of its space: see [`Closed`].
+    /// Whether it is a surface of which no backs are seen by a camera from whose space `camera_to_cloud` leads: see [`Closed`].
     pub(crate) fn is_closed_for(&self, camera_to_cloud: &DAffine3, is_perspective: bool) -> bool {
         matches!(&self.columns().kind, Kind::Surface(surface) if surface.closed.is_for(camera_to_cloud, is_perspective))
     }
