@@ -134,8 +134,8 @@ pub enum IsoError {
 /// - its kernel has the covariance of the polygon blurred by [`SURFEL_BLUR`], in index space's measure, so that
 ///   summed coverage is as even for every spacing and direction.
 ///
-/// Cells with a sample that is not finite hold no surface. The surface is closed if it ends neither there nor
-/// at the grid's border. Polygons of less than a millionth of a cell's face are left out. The cloud's space has the world's
+/// Cells with a sample that is not finite hold no surface. The surface is open if it ends there; where the body inside
+/// it reaches faces of the grid it is closed from this side of them ([`Closed`](oblate_engine::Closed)), and else from everywhere; a translucent one is open. Polygons of less than a millionth of a cell's face are left out. The cloud's space has the world's
 /// axes and its origin at sample (0, 0, 0); surfels are in Morton order of bricks of 8×8×8 cells.
 ///
 /// # Errors

@@ -25,7 +25,8 @@ pub struct Grid {
 ///
 /// `read` gives the samples of a range of slices, x fastest, then y, then z, and is called for one range after the other; neighbouring
 /// ranges share five slices. `each` gets the surfels of 64 slices of cells at a time, those of each in Morton order of bricks; they are
-/// the same as those of the whole grid, and relative to its sample (0, 0, 0). The surface is closed if all its parts are.
+/// the same as those of the whole grid, and relative to its sample (0, 0, 0). The surface is closed from where all its
+/// parts are: [`Closed::and`](oblate_engine::Closed::and).
 ///
 /// # Errors
 /// When `value` is not finite, single precision has no room for the grid's lengths or areas, or `read` gives another number
