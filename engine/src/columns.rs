@@ -1,9 +1,13 @@
 //! A cloud's splats as the footprint stage reads them: eight at a time, each number in a row of its own.
 
+mod repeated;
+
 use crate::closed::Closed;
 use crate::cloud::{Harmonics, Material, OpacityFilter, Shapes, Splats, Strength, Surface};
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
+
+pub(crate) use repeated::Repeated;
 
 /// Splats of a block.
 pub(crate) const LANES: usize = 8;
@@ -30,17 +34,13 @@ impl<const N: usize> Column<N> {
 
     /// As [`Self::new`]; the values stay.
     fn new_of<T: Sync>(values: &[T], row: impl Fn(&T) -> [f32; N] + Sync) -> Self {
-        let block = |values: &[T]| {
-            let rows: [_; LANES] = std::array::from_fn(|lane| row(&values[lane.min(values.len() - 1)]));
-            std::array::from_fn(|i| rows.map(|row| row[i]))
-        };
         if let Some(first) = values.first().map(&row)
             && values.get(LANES).is_some_and(|value| row(value) == first)
             && values.par_iter().with_min_len(BLOCKS_A_TASK * LANES).all(|value| row(value) == first)
         {
             return Self::alike(values.len(), first);
         }
-        Self(values.par_chunks(LANES).with_min_len(BLOCKS_A_TASK).map(block).collect())
+        Self(blocks(values, row))
     }
 
     /// The column of `len` splats with the same numbers.
@@ -62,20 +62,7 @@ impl<const N: usize> Column<N> {
     /// Puts the splats of each run of `run`, a multiple of [`LANES`], in another order: splat i of a run becomes what its splat
     /// `order[i]` was.
     fn reorder(&mut self, order: &[u32], run: usize) {
-        if self.0.len() < order.len().div_ceil(LANES) {
-            return;
-        }
-        self.0.par_chunks_mut(run / LANES).zip(order.par_chunks(run)).for_each(|(blocks, order)| {
-            let before = blocks.to_vec();
-            for (places, order) in blocks.iter_mut().zip(order.chunks(LANES)) {
-                for lane in 0..LANES {
-                    let from = order[lane.min(order.len() - 1)] as usize;
-                    for (place, before) in places.iter_mut().zip(&before[from / LANES]) {
-                        place[lane] = before[from % LANES];
-                    }
-                }
-            }
-        });
+        reorder(&mut self.0, order, run);
     }
 
     /// The numbers of splats 8 · block up to 8 · block + 7.
@@ -94,6 +81,36 @@ impl<const N: usize> Column<N> {
         let block = self.block(index / LANES);
         std::array::from_fn(|i| block[i][index % LANES])
     }
+}
+
+/// Blocks of what `row` makes of values.
+fn blocks<T: Sync, V: Copy + Send, const N: usize>(
+    values: &[T],
+    row: impl Fn(&T) -> [V; N] + Sync,
+) -> Vec<[[V; LANES]; N]> {
+    let block = |values: &[T]| {
+        let rows: [_; LANES] = std::array::from_fn(|lane| row(&values[lane.min(values.len() - 1)]));
+        std::array::from_fn(|i| rows.map(|row| row[i]))
+    };
+    values.par_chunks(LANES).with_min_len(BLOCKS_A_TASK).map(block).collect()
+}
+
+/// See [`Column::reorder`].
+fn reorder<V: Copy + Send + Sync, const N: usize>(blocks: &mut [[[V; LANES]; N]], order: &[u32], run: usize) {
+    if blocks.len() < order.len().div_ceil(LANES) {
+        return;
+    }
+    blocks.par_chunks_mut(run / LANES).zip(order.par_chunks(run)).for_each(|(blocks, order)| {
+        let before = blocks.to_vec();
+        for (places, order) in blocks.iter_mut().zip(order.chunks(LANES)) {
+            for lane in 0..LANES {
+                let from = order[lane.min(order.len() - 1)] as usize;
+                for (place, before) in places.iter_mut().zip(&before[from / LANES]) {
+                    place[lane] = before[from % LANES];
+                }
+            }
+        }
+    });
 }
 
 /// Covariance factors, by columns.
@@ -135,10 +152,10 @@ pub(crate) struct Columns {
     pub(crate) factors: Factors,
     pub(crate) kind: Kind,
     /// Masses, peak opacities or areas.
-    pub(crate) strengths: Column<1>,
+    pub(crate) strengths: Repeated<1>,
     /// Opacities of a surface; `None` is opaque.
     pub(crate) opacities: Option<Column<1>>,
-    pub(crate) colors: Column<3>,
+    pub(crate) colors: Repeated<3>,
     pub(crate) harmonics: Option<PackedHarmonics>,
     pub(crate) normals: Option<Column<3>>,
     pub(crate) material: Material,
@@ -173,9 +190,9 @@ impl Columns {
                 }
             },
             kind,
-            strengths: single(strengths),
+            strengths: Repeated::new(strengths, |v| [*v]),
             opacities,
-            colors: Column::new(splats.colors, |color| *color),
+            colors: Repeated::new(splats.colors, |color| *color),
             harmonics: splats.harmonics.map(PackedHarmonics::new),
             normals: splats.normals.map(|normals| Column::new(normals, Vec3::to_array)),
             material: splats.material,
@@ -279,7 +296,7 @@ impl Columns {
     /// The arrays as they were given; coefficients of harmonics as they were rounded.
     pub(crate) fn splats(&self) -> Splats {
         let singles = |column: &Column<1>| (0..self.len).map(|i| column.row(i)[0]).collect();
-        let strengths = singles(&self.strengths);
+        let strengths = (0..self.len).map(|i| self.strength(i)).collect();
         Splats {
             centers: (0..self.len).map(|i| self.center(i)).collect(),
             shapes: match &self.factors {

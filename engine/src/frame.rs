@@ -1,6 +1,8 @@
 //! The finished picture and what was measured at its pixels.
 
 use crate::grow::grow;
+use crate::scene::{Blend, RenderSettings};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// What a frame holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -79,6 +81,33 @@ impl Frame {
             normal: normal.next().unwrap_or_default(),
             id: id.next().unwrap_or_default(),
         })
+    }
+}
+
+/// Which tiles of a frame show nothing but the background since an earlier picture: there is nothing to write.
+#[derive(Default)]
+pub(crate) struct Clear {
+    tiles: Vec<AtomicBool>,
+    /// The pictures' size, the tiles' side, and how the background looks.
+    of: Option<([usize; 2], usize, [f32; 4], Blend, Channels)>,
+}
+
+impl Clear {
+    /// Begins a picture, in tiles of a side.
+    pub(crate) fn begin(&mut self, frame: &Frame, side: usize, settings: &RenderSettings) {
+        let size = [frame.width, frame.height];
+        let of = Some((size, side, settings.background, settings.blend, settings.channels));
+        if self.of != of {
+            self.of = of;
+            self.tiles.clear();
+            let tiles = size.map(|length| length.div_ceil(side)).iter().product();
+            self.tiles.resize_with(tiles, AtomicBool::default);
+        }
+    }
+
+    /// Puts down whether a tile shows nothing, and says whether it needn't be written.
+    pub(crate) fn stays(&self, tile: usize, shows_nothing: bool) -> bool {
+        self.tiles[tile].swap(shows_nothing, Relaxed) && shows_nothing
     }
 }
 

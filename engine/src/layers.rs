@@ -16,7 +16,7 @@ mod sums;
 use crate::cloud::Cloud;
 use crate::columns::Kind;
 use crate::cuts::{Cut, Cuts, MAX_LAYERS};
-use crate::raster::{BATCH, Column, Surfaces, SurfelLens, Surfels};
+use crate::raster::{BATCH, Column, Outlines, Surfaces, SurfelLens, Surfels};
 use crate::simd::*;
 use crate::tile::{HALF_BLOCK, PIXELS, Tile, pixels};
 use list::{List, Listed};
@@ -50,7 +50,6 @@ struct Here<S: Simd> {
 }
 
 /// Buffers of one thread.
-#[derive(Default)]
 pub(crate) struct LayerBuffers {
     /// A tile's records, and how many batches of them it has.
     batches: Vec<Surfels>,
@@ -61,6 +60,14 @@ pub(crate) struct LayerBuffers {
     rest: Vec<u64>,
     /// Those that the layer may have samples of.
     listed: List,
+    outlines: Outlines,
+}
+
+impl Default for LayerBuffers {
+    fn default() -> Self {
+        let (batches, rest, listed) = Default::default();
+        Self { batches, used: 0, usual: [0.0; 3], rest, listed, outlines: Outlines::NONE }
+    }
 }
 
 /// Where a layer is looked for.
@@ -137,7 +144,7 @@ impl LayerBuilder<'_> {
     /// Brings the records of a tile together.
     #[inline(always)]
     fn fetch<S: Simd>(&self, simd: S, (tile, list): (Tile, &[AtomicU32]), buffers: &mut LayerBuffers) {
-        let LayerBuffers { batches, used, usual, .. } = buffers;
+        let LayerBuffers { batches, used, usual, outlines, .. } = buffers;
         *used = list.len().div_ceil(BATCH);
         batches.resize_with((*used).max(batches.len()), || Surfels::NONE);
         let color = |entry: &AtomicU32| self.surfaces.records[entry.load(Ordering::Relaxed) as usize].color;
@@ -149,7 +156,7 @@ impl LayerBuilder<'_> {
                 #[inline(always)]
                 |entry| entry.load(Ordering::Relaxed),
             );
-            batch.fill(simd, (tile, *usual, &self.lens), numbers, self.surfaces);
+            batch.fill(simd, (tile, *usual, &self.lens), (numbers, self.surfaces), outlines);
         }
     }
 
@@ -164,7 +171,7 @@ impl LayerBuilder<'_> {
     ) -> u64 {
         let corner = tile.corner_pixel(block);
         let here = Here { corner, pixels: pixels(simd, corner) };
-        let LayerBuffers { batches, used, usual, rest, listed } = buffers;
+        let LayerBuffers { batches, used, usual, rest, listed, .. } = buffers;
         let batches = &batches[..*used];
         rest.clear();
         rest.extend(batches.iter().map(|surfels| surfels.masks.of(block)));
@@ -332,7 +339,8 @@ impl LayerBuilder<'_> {
                     // What layers took without asking for spans is not taken again.
                     inside &= sample.depth.simd_gt(previous + surfel.least_reach);
                     if inside.any_true() {
-                        let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
+                        let slant = surfels.slant(number);
+                        let spans = surfel.spans(simd, &sample, (here.pixels, slant), &self.lens);
                         inside &= spans.nearest.simd_gt(previous);
                     }
                     if !inside.any_true() {
@@ -374,12 +382,15 @@ impl LayerBuilder<'_> {
             let place = places[open.trailing_zeros() as usize % PIXELS];
             let own = firsts.simd_eq(u32x16::simd_from(simd, place));
             open &= !own.to_bitmask();
-            let surfel = listed[place as usize].of(batches);
+            let (surfels, number) = listed[place as usize].of(batches);
+            let (surfel, index) = (surfels.get(number), surfels.index(number));
             let sample = surfel.sample(simd, here.pixels, &self.lens);
-            let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
-            peel.limit = own.select(spans.farthest + surfel.tolerance, peel.limit);
-            peel.record = own.select(u32x16::simd_from(simd, surfel.index), peel.record);
-            peel.cloud = own.select(u32x16::simd_from(simd, surfel.cloud), peel.cloud);
+            let spans = surfel.spans(simd, &sample, (here.pixels, surfels.slant(number)), &self.lens);
+            let cloud = u32::from(self.surfaces.records[index as usize].tag.cloud);
+            let tolerance = self.surfaces.depth_tolerances[cloud as usize];
+            peel.limit = own.select(spans.farthest + tolerance, peel.limit);
+            peel.record = own.select(u32x16::simd_from(simd, index), peel.record);
+            peel.cloud = own.select(u32x16::simd_from(simd, cloud), peel.cloud);
         }
         if !peel.takes_all {
             search.farthest = peel.limit.reduce_max();
@@ -404,7 +415,8 @@ impl LayerBuilder<'_> {
         let mut own_sums = *sums;
         let adding = if holds_sixteen::<S>() { &mut own_sums } else { &mut *sums };
         for candidate in listed.iter().filter(|candidate| candidate.nearest <= farthest) {
-            let surfel = candidate.of(batches);
+            let (surfels, number) = candidate.of(batches);
+            let surfel = surfels.get(number);
             let depth = candidate.depth.load(simd);
             let mut weight = candidate.weight.load(simd);
             // Only where what is seen begins behind the limit it matters where the plane is: spans begin there or before.
@@ -414,7 +426,7 @@ impl LayerBuilder<'_> {
             if (is_seen & !is_own).any_true() {
                 evaluated += 1;
                 let sample = surfel.sample(simd, here.pixels, &self.lens);
-                let spans = surfel.spans(simd, &sample, here.pixels, &self.lens);
+                let spans = surfel.spans(simd, &sample, (here.pixels, surfels.slant(number)), &self.lens);
                 let own = is_own | spans.nearest.simd_le(peel.limit);
                 has_others = (is_seen & !own).any_true();
                 weight = own.select(weight, zero);
@@ -424,7 +436,7 @@ impl LayerBuilder<'_> {
             }
             // Where no sample was found the difference is infinite.
             let behind = weight.simd_gt(zero).select(depth - peel.depth, zero);
-            adding.add(simd, surfel, [weight, behind]);
+            adding.add(simd, (surfel, surfels.look(number)), [weight, behind]);
         }
         if holds_sixteen::<S>() {
             *sums = own_sums;

@@ -12,7 +12,7 @@ use crate::composite::{Compositor, lead};
 use crate::cull::{VisibleRange, find_affordable, touched_pixels};
 use crate::cuts::KeptCuts;
 use crate::footprint::{Lens, Records, SceneView};
-use crate::frame::{BAND, Channels, Frame, FrameRows};
+use crate::frame::{BAND, Channels, Clear, Frame, FrameRows};
 use crate::grow::grow;
 use crate::lattice::Lattice;
 use crate::layers::{LayerBuilder, depth_tolerances};
@@ -70,6 +70,7 @@ pub struct Renderer {
     /// late.
     counts: Vec<[AtomicU64; 2]>,
     frame: Frame,
+    clear: Clear,
 }
 
 /// What is drawn of one kind: records and who needs them where.
@@ -120,6 +121,7 @@ impl Renderer {
             threads: Vec::new(),
             counts: Vec::new(),
             frame: Frame::default(),
+            clear: Clear::default(),
         }
     }
 
@@ -201,6 +203,7 @@ impl Renderer {
         self.surfaces.clear();
         self.volumes.clear();
         self.frame.resize(camera.size().map(|length| length as usize), settings.channels);
+        self.clear.begin(&self.frame, self.tile_side, settings);
         self.counts.clear();
         self.occlusion.begin(camera.size(), self.tile_side);
         let tiles = self.tiles(camera).iter().product();
@@ -271,7 +274,7 @@ impl Renderer {
         let picture = camera.size().map(|length| length as usize);
         let [columns, rows] = self.tiles(camera);
         let Self { visible, surfaces, volumes, cuts, occlusion, lattice, counts, .. } = self;
-        let Self { shaders, depth_tolerances, level, tile_side: side, .. } = self;
+        let Self { shaders, depth_tolerances, level, tile_side: side, clear, .. } = self;
         let lens = Lens::new(camera, settings.low_pass);
         let near = camera.near() as f32;
         // A quarter of the tolerance: what is behind changes a channel by at most that share of its brightness.
@@ -328,7 +331,7 @@ impl Renderer {
                 }
                 let tile = (tile_of(index), surfaces_of(index));
                 let found = if visible[1].is_empty() {
-                    drawer.draw_surfaces(tile, buffers, bands_of(index))
+                    drawer.draw_surfaces(tile, buffers, (bands_of(index), &*clear, index))
                 } else {
                     drawer.keep_cuts(tile, buffers, (cuts, index))
                 };
@@ -350,7 +353,7 @@ impl Renderer {
             if occlusion.changed()[index] || lattice.is_stale(tile) {
                 let listed = if lattice.is_used() { lattice.tile_of(tile) } else { index };
                 let lists = [surfaces_of(index), volumes.lists.tile(listed)];
-                let more = ((&*cuts, index), &*lattice, bands_of(index));
+                let more = (&*cuts, &*lattice, (bands_of(index), &*clear, index));
                 store(&counts[index], drawer.draw((tile, lists), buffers, more));
             }
         });

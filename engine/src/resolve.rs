@@ -24,12 +24,13 @@ pub(crate) struct Resolver<'a> {
     pub(crate) camera_to_world: DMat3,
 }
 
-/// The pixels of a tile's blocks, before they are written.
+/// The pixels of a tile, before they are written.
 #[derive(Default)]
 pub(crate) struct Resolved {
-    /// Linear and premultiplied.
-    colors: Vec<[[f32; 4]; PIXELS]>,
-    /// All other channels, where they are asked for.
+    /// Linear and premultiplied, by the tile's rows: a frame's pixels lie anywhere in the lines of the cache, and to write a row of them
+    /// at once begins and ends within one, which each row of a block would.
+    colors: Vec<[f32; 4]>,
+    /// All other channels by blocks, where they are asked for.
     rests: Vec<Rest>,
 }
 
@@ -58,13 +59,13 @@ impl Resolver<'_> {
         let background = self.background(simd);
         let empty = self.color(simd, Seeing::load(simd, &Seen::CLEAR), background);
         let has_rest = self.settings.channels == Channels::All;
-        colors.resize(tile.blocks(), [[0.0; 4]; PIXELS]);
+        colors.resize(tile.side * tile.side, [0.0; 4]);
         rests.resize(if has_rest { tile.blocks() } else { 0 }, Rest::NONE);
         for block in tile.visible_blocks() {
             let seen = self.block(simd, tile, block, (cuts, runs));
             // Most blocks of many pictures show nothing.
             let is_empty = !seen.opacity.simd_gt(W::simd_from(simd, 0.0)).any_true();
-            colors[block] = if is_empty {
+            let pixels = if is_empty {
                 empty
             } else {
                 apart(
@@ -73,36 +74,29 @@ impl Resolver<'_> {
                     || self.color(simd, seen, background),
                 )
             };
+            let [left, top] = tile.corner(block);
+            for (row, pixels) in (top..).zip(pixels.as_chunks::<BLOCK_SIDE>().0) {
+                colors[row * tile.side + left..][..BLOCK_SIDE].copy_from_slice(pixels);
+            }
             if has_rest {
                 let cut = cuts.layers(block).next().unwrap_or(&Cut::NONE);
                 rests[block] = self.rest(simd, seen, cut);
             }
         }
-        let side = tile.blocks_a_side();
-        for (band, first) in bands.iter().zip((0..side).step_by(BAND / BLOCK_SIDE)) {
+        let [width, height] = tile.size;
+        for (band, first) in bands.iter().zip((0..height).step_by(BAND)) {
             let mut rows = band.lock().unwrap_or_else(PoisonError::into_inner);
-            let of_column =
-                |column: usize| (first..first + BAND / BLOCK_SIDE).map(move |row| column * side + row);
-            for block in (0..side).flat_map(of_column) {
-                let [columns, height] = tile.visible(block);
-                if columns == 0 || height == 0 {
+            for row in first..height.min(first + BAND) {
+                let place = rows.place(tile.origin[0], row - first);
+                rows.color[place..place + width].copy_from_slice(&colors[row * tile.side..][..width]);
+                if !has_rest {
                     continue;
                 }
-                let [left, top] = tile.corner(block);
-                let place = |row: usize| rows.place(tile.origin[0] + left, top - first * BLOCK_SIDE + row);
-                let places: [usize; BLOCK_SIDE] = std::array::from_fn(place);
-                for (place, color) in places[..height].iter().zip(colors[block].as_chunks::<BLOCK_SIDE>().0) {
-                    let to = &mut rows.color[*place..*place + columns];
-                    match to.first_chunk_mut() {
-                        // A length that is known needs no call.
-                        Some(to) => *to = *color,
-                        None => to.copy_from_slice(&color[..columns]),
-                    }
-                }
-                if let Some(rest) = rests.get(block) {
-                    for (place, first) in places[..height].iter().zip((0..).step_by(BLOCK_SIDE)) {
-                        rest.write(first..first + columns, *place..*place + columns, &mut rows);
-                    }
+                for left in (0..width).step_by(BLOCK_SIDE) {
+                    let (columns, place) = (BLOCK_SIDE.min(width - left), place + left);
+                    let pixels = row % BLOCK_SIDE * BLOCK_SIDE;
+                    let block = left / BLOCK_SIDE * tile.blocks_a_side() + row / BLOCK_SIDE;
+                    rests[block].write(pixels..pixels + columns, place..place + columns, &mut rows);
                 }
             }
         }

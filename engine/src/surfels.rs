@@ -2,7 +2,7 @@
 
 use crate::closed::Closed;
 use crate::cloud::{Cloud, CloudError, Material, check_material, check_names, check_surface, wrong};
-use crate::columns::{BLOCKS_A_TASK, Column, Columns, Factors, Kind, LANES, Lanes, SurfaceKind};
+use crate::columns::{BLOCKS_A_TASK, Column, Columns, Factors, Kind, LANES, Lanes, Repeated, SurfaceKind};
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -77,9 +77,11 @@ impl Cloud {
             centers: Column::of_blocks(centers),
             factors: Factors::Each { flat: Column::of_blocks(flat), through },
             kind: Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, closed: closed.clone() }),
-            strengths: Column::of_blocks(areas),
+            strengths: Repeated::Each(Column::of_blocks(areas)),
             opacities: (opacity < 1.0).then(|| Column::alike(count, [opacity])),
-            colors: color.map_or_else(|| Column::of_blocks(colors), |color| Column::alike(count, color)),
+            colors: Repeated::Each(
+                color.map_or_else(|| Column::of_blocks(colors), |color| Column::alike(count, color)),
+            ),
             harmonics: None,
             normals: None,
             material,

@@ -6,8 +6,8 @@ mod scenes;
 
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
 use oblate_engine::{
-    Camera, Cloud, FootprintForm, Frame, Light, Material, OpacityFilter, Order, Pose, ReferenceKind,
-    RenderSettings, Scene, SceneError, Splats, Strength, reference, render,
+    Blend, Camera, Channels, Cloud, FootprintForm, Frame, Light, Material, OpacityFilter, Order, Pose,
+    ReferenceKind, RenderSettings, Renderer, Scene, SceneError, Splats, Strength, reference, render,
 };
 use scenes::*;
 
@@ -429,5 +429,38 @@ fn a_camera_inside_a_fog_neither_flashes_nor_loses_it() {
         }
         println!("shift {shift}: {worst}");
         assert!(worst < 0.005, "shift {shift}: {worst}");
+    }
+}
+
+#[test]
+fn a_renderer_shows_nothing_of_earlier_pictures() {
+    // A ball, some fog, both or neither, in a few tiles of the picture, here and there.
+    let ball = |x| sphere(400, 0.3, [0.9, 0.4, 0.1]).transformed(DAffine3::from_translation(DVec3::X * x));
+    let cloud = |y| {
+        fog([6; 3], DVec3::splat(0.1), 2.0, [0.2, 0.5, 0.9])
+            .transformed(DAffine3::from_translation(DVec3::Y * y))
+    };
+    let scene = |clouds| Scene { clouds, lights: Vec::new() };
+    let scenes = [
+        scene(vec![ball(-1.5)]),
+        scene(vec![ball(1.5)]),
+        scene(vec![cloud(1.5), ball(-1.5)]),
+        scene(vec![cloud(-1.5)]),
+        scene(Vec::new()),
+        scene(vec![ball(0.0), cloud(0.0)]),
+    ];
+    let plain = unshaded();
+    let green = RenderSettings { background: [0.0, 0.5, 0.0, 0.5], ..plain };
+    let display = RenderSettings { blend: Blend::Display, ..green };
+    let colors = RenderSettings { channels: Channels::Color, ..display };
+    let mut renderer = Renderer::new();
+    for (settings, size) in [(plain, 96), (green, 96), (display, 96), (colors, 96), (plain, 96), (plain, 72)]
+    {
+        for number in [0, 1, 0, 2, 3, 4, 5, 4] {
+            let (scene, camera) = (&scenes[number], camera(8.0, size));
+            let fresh = render(scene, &camera, &settings, &()).unwrap();
+            let kept = renderer.render(scene, &camera, &settings, &()).unwrap();
+            assert!(*kept == fresh, "scene {number}, {size} pixels, {settings:?}");
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! Records that a layer may have samples of, and these.
 
-use crate::raster::{Surfel, Surfels};
+use crate::raster::Surfels;
 use crate::tile::Plane;
 
 /// Records of a block. There is room before a batch comes: in a loop in which it might grow nothing would stay in registers.
@@ -46,8 +46,9 @@ impl Listed {
     const NONE: Self =
         Self { depth: Plane::ZERO, weight: Plane::ZERO, batch: 0, number: 0, nearest: f32::INFINITY };
 
+    /// Its batch, and its number there.
     #[inline(always)]
-    pub(super) fn of(self, batches: &[Surfels]) -> &Surfel {
-        batches[self.batch as usize].get(self.number as usize)
+    pub(super) fn of(self, batches: &[Surfels]) -> (&Surfels, usize) {
+        (&batches[self.batch as usize], self.number as usize)
     }
 }

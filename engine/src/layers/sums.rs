@@ -1,6 +1,6 @@
 //! What a layer's samples add up to, and what is seen through layers.
 
-use crate::raster::Surfel;
+use crate::raster::{Look, Surfel};
 use crate::simd::*;
 
 /// Sums over the samples of a layer.
@@ -39,15 +39,13 @@ impl<S: Simd> Sums<S> {
 
     /// Adds samples of a surfel, by their weights and how far they are behind the first ones.
     #[inline(always)]
-    pub(super) fn add(&mut self, simd: S, surfel: &Surfel, [weight, behind]: [W<S>; 2]) {
+    pub(super) fn add(&mut self, simd: S, (surfel, look): (&Surfel, &Look), [weight, behind]: [W<S>; 2]) {
         self.depth = behind.mul_add(weight, self.depth);
-        if surfel.clear > 0.0 {
-            self.clear = weight.mul_add(W::simd_from(simd, surfel.clear), self.clear);
-        }
-        if surfel.is_tinted {
+        if !surfel.is_plain {
+            self.clear = weight.mul_add(W::simd_from(simd, look.clear), self.clear);
             self.tint = [0, 1, 2].each(
                 #[inline(always)]
-                |i| weight.mul_add(W::simd_from(simd, surfel.tint[i]), self.tint[i]),
+                |i| weight.mul_add(W::simd_from(simd, look.tint[i]), self.tint[i]),
             );
         }
         // An index would keep both sides in memory.

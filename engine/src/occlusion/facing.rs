@@ -84,7 +84,7 @@ impl<'a> Facing<'a> {
         let (place, across) = self.surfels(simd, range, block);
         let cofactors = [self.cofactors.row(0), self.cofactors.row(1), self.cofactors.row(2)];
         let length = dot(across, across).sqrt();
-        let areas = V::simd_from(simd, self.columns.strengths.block(block)[0]);
+        let areas = V::simd_from(simd, self.columns.strengths.block(block, &mut Default::default())[0]);
         let areas = length.simd_gt(splat(simd, 1e-18)).select(areas / length, zero);
         let normal = turn(simd, &cofactors, across);
         let facing = dot(normal, ray);

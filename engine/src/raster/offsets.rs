@@ -60,12 +60,6 @@ pub(crate) struct Plane {
 }
 
 impl Plane {
-    #[inline(always)]
-    pub(crate) fn new(depth: f32, slope: [f32; 2], sigma_z: f32) -> Self {
-        let per_depth = 1.0 / depth;
-        Self { depth, slope, per_depth, spread: (per_depth * sigma_z).powi(2) / HALF_LOG2_E }
-    }
-
     /// How much deeper than at the mean pixels are in the affine form, and den.
     #[inline(always)]
     fn rise_and_den<S: Simd>(&self, simd: S, offsets: &Offsets<S>) -> [W<S>; 2] {

@@ -149,12 +149,6 @@ impl Outlines {
         (ratio * ratio / HALF_LOG2_E).store_slice(&mut self.spread[first..first + 16]);
     }
 
-    /// How many there are.
-    #[inline(always)]
-    pub(crate) fn count(&self) -> usize {
-        self.count
-    }
-
     /// All of them, as bits.
     #[inline(always)]
     pub(crate) fn all(&self) -> u64 {

@@ -8,7 +8,7 @@ use crate::footprint::{Form, Lens, Record, Rect, SurfaceSample};
 use crate::simd::*;
 use crate::tile::Tile;
 
-pub(crate) use batch::Surfels;
+pub(crate) use batch::{Look, Surfels};
 
 /// The steepest slope dz/dx that a surfel's plane is followed along: 86°. Steeper ones are followed as far, lest one seen edge-on before two
 /// sheets makes one layer of both.
@@ -57,7 +57,7 @@ pub(crate) struct Surfaces<'a> {
     pub(crate) depth_tolerances: &'a [f32],
 }
 
-/// A surface record as the pixels of a tile see it. Blocks take few of a batch: what they need of one lies together.
+/// A surface record as the pixels of a tile see it: what each of its samples needs, in one line of the cache.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(crate) struct Surfel {
@@ -66,27 +66,24 @@ pub(crate) struct Surfel {
     /// √k M.
     root: [f32; 3],
     plane: Plane,
-    sigma_z: f32,
     /// n·v over the coverage floor; negative where the front is seen.
     facing: f32,
-    /// Its change a pixel.
-    facing_slope: [f32; 2],
-    /// And over n·v at the mean; 0 where the surfel is seen edge-on.
-    tilt: [f32; 2],
+    pub(crate) normal: [f32; 3],
     /// Wherever it is seen in the tile its span begins at least so far before.
     pub(crate) least_reach: f32,
-    pub(crate) tolerance: f32,
-    pub(crate) index: u32,
-    pub(crate) cloud: u32,
-    /// How far its colour is from the tile's usual one, and whether it is.
-    pub(crate) tint: [f32; 3],
-    pub(crate) is_tinted: bool,
     /// Whether its back is seen: that of a plane is the same wherever it is before the eye.
     pub(crate) faces_away: bool,
+    /// Whether it is opaque and has the tile's usual colour.
+    pub(crate) is_plain: bool,
     is_exact: bool,
-    pub(crate) normal: [f32; 3],
-    /// 1 − opacity.
-    pub(crate) clear: f32,
+}
+
+/// How a surfel lies, which only spans ask for.
+#[derive(Clone, Copy)]
+pub(crate) struct Slant {
+    /// The change of n·v a pixel over n·v at the mean; 0 where the surfel is seen edge-on.
+    tilt: [f32; 2],
+    sigma_z: f32,
 }
 
 /// A surface at pixels, seen by one splat.
@@ -113,33 +110,19 @@ impl Surfel {
     const NONE: Self = Self {
         mean: [0.0; 2],
         root: [1.0; 3],
-        plane: Plane { depth: 1.0, slope: [0.0; 2], per_depth: 1.0, spread: 0.0 },
-        sigma_z: 0.0,
+        plane: Plane { depth: 1.0, slope: [0.0; 2], per_depth: 0.0, spread: 0.0 },
         facing: 0.0,
-        facing_slope: [0.0; 2],
-        tilt: [0.0; 2],
-        least_reach: 0.0,
-        tolerance: 0.0,
-        index: 0,
-        cloud: 0,
-        tint: [0.0; 3],
-        is_tinted: false,
-        faces_away: false,
-        is_exact: false,
         normal: [0.0; 3],
-        clear: 0.0,
+        least_reach: 0.0,
+        faces_away: false,
+        is_plain: true,
+        is_exact: false,
     };
 
-    /// A record, its sample, its number among all, and its cloud's depth tolerance, in a tile with a usual colour.
+    /// A record and its sample in a tile. What follows from those of many at once is still missing.
     #[inline(always)]
-    fn new(
-        (tile, usual): (Tile, [f32; 3]),
-        record: &Record,
-        sample: &SurfaceSample,
-        (index, tolerance): (u32, f32),
-    ) -> Self {
-        let per_facing = 1.0 / record.amplitude;
-        let per_facing = if per_facing.is_finite() { per_facing } else { 0.0 };
+    fn new(tile: Tile, record: &Record, sample: &SurfaceSample) -> Self {
+        let Record { depth, depth_slope: slope, .. } = *record;
         Self {
             mean: [0, 1].each(
                 #[inline(always)]
@@ -149,27 +132,13 @@ impl Surfel {
                 #[inline(always)]
                 |root| root * ROOT_HALF_LOG2_E,
             ),
-            plane: Plane::new(record.depth, record.depth_slope, record.sigma_z),
-            sigma_z: record.sigma_z,
+            plane: Plane { depth, slope, per_depth: 0.0, spread: 0.0 },
             facing: record.amplitude,
-            facing_slope: record.amplitude_slope_or_slabs,
-            tilt: record.amplitude_slope_or_slabs.each(
-                #[inline(always)]
-                |slope| slope * per_facing,
-            ),
-            least_reach: 0.0,
-            tolerance,
-            index,
-            cloud: record.tag.cloud.into(),
-            tint: [0, 1, 2].each(
-                #[inline(always)]
-                |i| record.color[i] - usual[i],
-            ),
-            is_tinted: record.color != usual,
-            faces_away: record.amplitude * record.depth > 0.0,
-            is_exact: record.tag.form == Form::Exact,
             normal: sample.normal,
-            clear: 1.0 - sample.opacity,
+            least_reach: 0.0,
+            faces_away: record.amplitude * depth > 0.0,
+            is_plain: true,
+            is_exact: record.tag.form == Form::Exact,
         }
     }
 
@@ -192,16 +161,6 @@ impl Surfel {
         Sample { inside: exponent.simd_ge(end) & depth.simd_gt(near), depth, exponent, per_den }
     }
 
-    /// z less 3σ_z. Spans begin there or nearer.
-    #[inline(always)]
-    fn begins<S: Simd>(&self, simd: S, sample: &Sample<S>) -> W<S> {
-        let reach = W::simd_from(simd, -(SURFEL_REACH as f32) * self.sigma_z);
-        match sample.per_den {
-            Some(per_den) => per_den.sqrt().mul_add(reach, sample.depth),
-            None => sample.depth + reach,
-        }
-    }
-
     /// Where the plane is. For a surfel that fills the pixel's filter it is where the sample is; a smaller one the
     /// filter sees where it is, and its plane somewhere else.
     #[inline(always)]
@@ -209,7 +168,7 @@ impl Surfel {
         &self,
         simd: S,
         sample: &Sample<S>,
-        pixels: [W<S>; 2],
+        (pixels, slant): ([W<S>; 2], Slant),
         lens: &SurfelLens,
     ) -> Spans<S> {
         let depth = W::simd_from(simd, self.plane.depth);
@@ -217,18 +176,15 @@ impl Surfel {
         let limit = zeta.abs() * lens.farthest_offset;
         let zero = W::simd_from(simd, 0.0);
         // n·v at the pixel less that at the mean, over that at the pixel; over that at the mean where rays are parallel.
-        let change = if sample.per_den.is_some() {
-            let facing = self.offsets(simd, pixels).linear(simd, self.facing, self.facing_slope);
-            (facing - self.facing) * reciprocal(simd, facing)
-        } else {
-            let change = self.offsets(simd, pixels).linear(simd, 0.0, self.tilt);
-            if lens.is_perspective { change * reciprocal(simd, change + 1.0) } else { change }
-        };
+        let change = self.offsets(simd, pixels).linear(simd, 0.0, slant.tilt);
+        let change = if lens.is_perspective { change * reciprocal(simd, change + 1.0) } else { change };
         let offset = change.mul_add(-zeta, depth - sample.depth).max(-limit).min(limit);
-        Spans {
-            nearest: self.begins(simd, sample) + offset.min(zero),
-            farthest: sample.depth + offset.max(zero),
-        }
+        let reach = W::simd_from(simd, -(SURFEL_REACH as f32) * slant.sigma_z);
+        let begin = match sample.per_den {
+            Some(per_den) => per_den.sqrt().mul_add(reach, sample.depth),
+            None => sample.depth + reach,
+        };
+        Spans { nearest: begin + offset.min(zero), farthest: sample.depth + offset.max(zero) }
     }
 
     /// Coverage over the cloud's floor; of meaning where a pixel is inside.

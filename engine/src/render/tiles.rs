@@ -4,7 +4,7 @@ use super::watched;
 use crate::composite::{Compositor, KernelBuffers, Runs};
 use crate::cuts::{Cuts, KeptCuts};
 use crate::footprint::Rect;
-use crate::frame::FrameRows;
+use crate::frame::{Clear, FrameRows};
 use crate::lattice::{Lattice, STEP};
 use crate::layers::{LayerBuffers, LayerBuilder};
 use crate::observer::{Observer, Stage};
@@ -133,10 +133,12 @@ impl TileDrawer<'_> {
         &self,
         (tile, surfaces): (Tile, &[AtomicU32]),
         TileBuffers { layers, cuts, resolved, .. }: &mut TileBuffers,
-        bands: &[Mutex<FrameRows>],
+        (bands, clear, index): (&[Mutex<FrameRows>], &Clear, usize),
     ) -> u64 {
         let count = self.cut((tile, surfaces), (layers, cuts));
-        self.resolve(tile, (cuts, None), (resolved, bands));
+        if !clear.stays(index, surfaces.is_empty()) {
+            self.resolve(tile, (cuts, None), (resolved, bands));
+        }
         count
     }
 
@@ -146,11 +148,11 @@ impl TileDrawer<'_> {
         &self,
         (tile, [surfaces, volumes]): (Tile, [&[AtomicU32]; 2]),
         buffers: &mut TileBuffers,
-        (kept, lattice, bands): ((&KeptCuts, usize), &Lattice, &[Mutex<FrameRows>]),
+        (kept, lattice, (bands, clear, index)): (&KeptCuts, &Lattice, (&[Mutex<FrameRows>], &Clear, usize)),
     ) -> [u64; 2] {
         let Self { compositor, resolver, looked, observer, level, .. } = self;
         let TileBuffers { layers, cuts, kernels, runs, list, resolved } = buffers;
-        if surfaces.is_empty() || !kept.0.restore(kept.1, cuts) {
+        if surfaces.is_empty() || !kept.restore(index, cuts) {
             self.cut((tile, surfaces), (layers, cuts));
         }
         let mut found = [0; 2];
@@ -180,7 +182,9 @@ impl TileDrawer<'_> {
             });
         }
         looked.store_reached(tile, reached);
-        self.resolve(tile, (cuts, has_runs.then_some(&*runs)), (resolved, bands));
+        if !clear.stays(index, surfaces.is_empty() && !has_runs) {
+            self.resolve(tile, (cuts, has_runs.then_some(&*runs)), (resolved, bands));
+        }
         found
     }
 

@@ -31,7 +31,7 @@ impl WideProjector<'_> {
     #[inline(always)]
     fn base_colors<S: Simd>(&self, simd: S, block: usize, towards: V3<S>) -> V3<S> {
         let columns = self.scalar.columns;
-        let linear = lanes(simd, *columns.colors.block(block));
+        let linear = lanes(simd, *columns.colors.block(block, &mut Default::default()));
         let blend = self.scalar.view.settings.blend;
         if columns.harmonics.is_none() && blend == Blend::Linear {
             return linear;
@@ -108,7 +108,8 @@ impl WideProjector<'_> {
     ) -> Looks<S> {
         let columns = self.scalar.columns;
         let zero = splat(simd, 0.0);
-        let strength = V::simd_from(simd, columns.strengths.block(block)[0]) * self.strength_scale;
+        let strength = V::simd_from(simd, columns.strengths.block(block, &mut Default::default())[0])
+            * self.strength_scale;
         let cutoff = splat(simd, self.cutoff);
         match &columns.kind {
             columns::Kind::Extinction => {

@@ -1,6 +1,6 @@
 //! Surface records of a tile, many at once: which blocks meet them, and between what depths their samples lie.
 
-use super::{SURFEL_REACH, Surfaces, Surfel, SurfelLens};
+use super::{SURFEL_REACH, Slant, Surfaces, Surfel, SurfelLens};
 use crate::footprint::SurfaceSample;
 use crate::raster::offsets::HALF_LOG2_E;
 use crate::raster::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
@@ -8,18 +8,38 @@ use crate::simd::*;
 use crate::tile::Tile;
 
 /// Surface records of a tile, as many as go together, and what follows from them.
+///
+/// A tile has many of these, and writes all of them before it reads any: what isn't here needn't go through the cache.
 #[repr(C, align(64))]
 pub(crate) struct Surfels {
-    outlines: Outlines,
+    mean: [Column; 2],
+    depth: Column,
+    depth_slope: [Column; 2],
+    sigma_z: Column,
     tilt: [Column; 2],
-    /// 1/d_z, and in the exact form how much of d_z is left where den is largest.
+    /// In the exact form 1/d_z, and how much of d_z is left where den is largest.
     per_depth: Column,
     least_depth: Column,
     /// Of each sixteen, where the first span in the tile begins, at least.
     nearest: [f32; BATCH / 16],
+    /// Those in the exact form.
+    exact: u64,
     each: [Surfel; BATCH],
+    /// Of those that aren't plain.
+    looks: [Look; BATCH],
+    /// Their records.
+    indices: [u32; BATCH],
     /// Those that each block needs.
     pub(crate) masks: BlockMasks,
+}
+
+/// What is special about a surfel.
+#[derive(Clone, Copy)]
+pub(crate) struct Look {
+    /// How far its colour is from the tile's usual one.
+    pub(crate) tint: [f32; 3],
+    /// 1 − opacity.
+    pub(crate) clear: f32,
 }
 
 /// Records of a set by where their samples may be.
@@ -34,25 +54,31 @@ pub(crate) struct Between {
 
 impl Surfels {
     pub(crate) const NONE: Self = Self {
-        outlines: Outlines::NONE,
+        mean: [[0.0; BATCH]; 2],
+        depth: [1.0; BATCH],
+        depth_slope: [[0.0; BATCH]; 2],
+        sigma_z: [0.0; BATCH],
         tilt: [[0.0; BATCH]; 2],
         per_depth: [1.0; BATCH],
         least_depth: [1.0; BATCH],
         nearest: [f32::NEG_INFINITY; BATCH / 16],
+        exact: 0,
         each: [Surfel::NONE; BATCH],
+        looks: [Look { tint: [0.0; 3], clear: 0.0 }; BATCH],
+        indices: [0; BATCH],
         masks: BlockMasks::NONE,
     };
 
-    /// Takes in up to [`BATCH`] records of a tile with a usual colour, by their numbers, with their clouds' depth tolerances.
+    /// Takes in up to [`BATCH`] records of a tile with a usual colour, by their numbers. The outlines are room for what only this needs.
     #[inline(always)]
     pub(crate) fn fill<S: Simd>(
         &mut self,
         simd: S,
         (tile, usual, lens): (Tile, [f32; 3], &SurfelLens),
-        numbers: impl Iterator<Item = u32> + Clone,
-        surfaces: Surfaces,
+        (numbers, surfaces): (impl Iterator<Item = u32> + Clone, Surfaces),
+        outlines: &mut Outlines,
     ) {
-        self.outlines.begin(numbers.clone().map(
+        outlines.begin(numbers.clone().map(
             #[inline(always)]
             |index| &surfaces.records[index as usize],
         ));
@@ -61,62 +87,108 @@ impl Surfels {
         for (sample, index) in samples.iter_mut().zip(numbers.clone()) {
             *sample = surfaces.samples[index as usize];
         }
-        self.outlines.end = [lens.cutoff * HALF_LOG2_E; BATCH];
+        outlines.end = [lens.cutoff * HALF_LOG2_E; BATCH];
+        let mut facing = [1.0; BATCH];
         for (number, (index, sample)) in numbers.zip(&samples).enumerate() {
             let record = &surfaces.records[index as usize];
-            let tolerance = surfaces.depth_tolerances[record.tag.cloud as usize];
-            self.outlines.set(number, record);
-            let surfel = Surfel::new((tile, usual), record, sample, (index, tolerance));
-            for (column, tilt) in self.tilt.iter_mut().zip(surfel.tilt) {
-                column[number] = tilt;
+            outlines.set(number, record);
+            facing[number] = record.amplitude;
+            for (tilt, slope) in self.tilt.iter_mut().zip(record.amplitude_slope_or_slabs) {
+                tilt[number] = slope;
             }
-            self.each[number] = surfel;
+            self.indices[number] = index;
+            self.each[number] = Surfel::new(tile, record, sample);
+            let clear = 1.0 - sample.opacity;
+            if clear > 0.0 || record.color != usual {
+                self.each[number].is_plain = false;
+                self.looks[number] = Look { tint: [0, 1, 2].map(|i| record.color[i] - usual[i]), clear };
+            }
         }
-        self.outlines.prepare(simd, tile);
+        outlines.prepare(simd, tile);
+        (self.mean, self.depth, self.depth_slope) = (outlines.mean, outlines.depth, outlines.depth_slope);
+        (self.sigma_z, self.exact) = (outlines.sigma_z, outlines.exact);
+        let mut exact = self.exact;
+        while exact != 0 {
+            let number = exact.trailing_zeros() as usize % BATCH;
+            self.each[number].plane = outlines.plane(number);
+            exact &= exact - 1;
+        }
         let half = (tile.side - 1) as f32 / 2.0;
-        for first in self.outlines.sixteens() {
-            let one = W::simd_from(simd, 1.0);
-            let depth = sixteen(simd, &self.outlines.depth, first);
-            let per_depth = one / depth;
-            // z is d/t but for den, which is at most t²/(1 − (σ₀/d)²ρ) inside the cut-off.
-            let spread = sixteen(simd, &self.outlines.sigma_z, first) * per_depth;
-            let share = (one - spread * spread * lens.cutoff).max(W::simd_from(simd, 0.0));
-            per_depth.store_slice(&mut self.per_depth[first..first + 16]);
-            (depth * share).store_slice(&mut self.least_depth[first..first + 16]);
-            let exact = mask32x16::from_bitmask(simd, self.outlines.exact >> first);
-            let [low, high] = self.rise(simd, first, ([half; 2], half));
-            let most = (one - low * per_depth).abs().max((one - high * per_depth).abs());
-            // Less by half a thousandth, which is more than roundings.
-            let reach = sixteen(simd, &self.outlines.sigma_z, first) * (0.9995 * SURFEL_REACH as f32);
-            // 1/√den at least.
-            let of_exact = reach * share.sqrt() / most;
-            let is_bound = of_exact.simd_lt(W::simd_from(simd, f32::INFINITY));
-            let of_exact = is_bound.select(of_exact, W::simd_from(simd, 0.0));
-            let reach: [f32; 16] = exact.select(of_exact, reach).into();
+        let (zero, infinity) = (W::simd_from(simd, 0.0), W::simd_from(simd, f32::INFINITY));
+        for first in outlines.sixteens() {
+            let per_facing = W::simd_from(simd, 1.0) / sixteen(simd, &facing, first);
+            let per_facing = per_facing.abs().simd_lt(infinity).select(per_facing, zero);
+            for column in &mut self.tilt {
+                let tilt = sixteen(simd, column, first) * per_facing;
+                tilt.store_slice(&mut column[first..first + 16]);
+            }
+            let reach: [f32; 16] = self.least_reach(simd, first, half, lens).into();
             for (surfel, reach) in self.each[first..first + 16].iter_mut().zip(reach) {
                 surfel.least_reach = reach;
             }
         }
-        let rect = |number: usize| &surfaces.rects[self.each[number].index as usize];
-        self.masks = self.outlines.blocks(simd, tile, u64::MAX, rect);
-        let used = u64::MAX.checked_shr((BATCH - self.outlines.count()) as u32).unwrap_or(0);
-        for first in self.outlines.sixteens() {
+        let rect = |number: usize| &surfaces.rects[self.indices[number] as usize];
+        self.masks = outlines.blocks(simd, tile, u64::MAX, rect);
+        for first in outlines.sixteens() {
             let [begin, _] = self.bounds(simd, first, ([half; 2], half), lens);
-            let used = mask32x16::from_bitmask(simd, used >> first);
-            let begin = used.select(begin, W::simd_from(simd, f32::INFINITY));
-            self.nearest[first / 16] = begin.reduce_min();
+            let used = mask32x16::from_bitmask(simd, outlines.all() >> first);
+            self.nearest[first / 16] = used.select(begin, infinity).reduce_min();
         }
+    }
+
+    /// How far before where they are seen in the tile the spans of sixteen surfels begin at least, less half a thousandth, which is more
+    /// than roundings.
+    #[inline(always)]
+    fn least_reach<S: Simd>(&mut self, simd: S, first: usize, half: f32, lens: &SurfelLens) -> W<S> {
+        let sigma_z = sixteen(simd, &self.sigma_z, first);
+        let reach = sigma_z * (0.9995 * SURFEL_REACH as f32);
+        if self.exact >> first & 0xffff == 0 {
+            return reach;
+        }
+        let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
+        let depth = sixteen(simd, &self.depth, first);
+        let per_depth = one / depth;
+        // z is d/t but for den, which is at most t²/(1 − (σ₀/d)²ρ) inside the cut-off.
+        let spread = sigma_z * per_depth;
+        let share = (one - spread * spread * lens.cutoff).max(zero);
+        per_depth.store_slice(&mut self.per_depth[first..first + 16]);
+        (depth * share).store_slice(&mut self.least_depth[first..first + 16]);
+        let [low, high] = self.rise(simd, first, ([half; 2], half));
+        let most = (one - low * per_depth).abs().max((one - high * per_depth).abs());
+        // 1/√den at least.
+        let of_exact = reach * share.sqrt() / most;
+        let is_bound = of_exact.simd_lt(W::simd_from(simd, f32::INFINITY));
+        let exact = mask32x16::from_bitmask(simd, self.exact >> first);
+        exact.select(is_bound.select(of_exact, zero), reach)
     }
 
     /// Those of a set in the exact form, and the others.
     #[inline(always)]
     pub(crate) fn by_form(&self, set: u64) -> [u64; 2] {
-        [set & self.outlines.exact, set & !self.outlines.exact]
+        [set & self.exact, set & !self.exact]
     }
 
     #[inline(always)]
     pub(crate) fn get(&self, number: usize) -> &Surfel {
         &self.each[number % BATCH]
+    }
+
+    /// Of one that isn't plain.
+    #[inline(always)]
+    pub(crate) fn look(&self, number: usize) -> &Look {
+        &self.looks[number % BATCH]
+    }
+
+    /// The number of its record.
+    #[inline(always)]
+    pub(crate) fn index(&self, number: usize) -> u32 {
+        self.indices[number % BATCH]
+    }
+
+    #[inline(always)]
+    pub(crate) fn slant(&self, number: usize) -> Slant {
+        let number = number % BATCH;
+        Slant { tilt: [self.tilt[0][number], self.tilt[1][number]], sigma_z: self.sigma_z[number] }
     }
 
     /// Those of a set that are in sixteens whose spans may begin before a depth; says how near the others come.
@@ -176,14 +248,14 @@ impl Surfels {
     /// Where a pixel is from the means of sixteen records.
     #[inline(always)]
     fn offsets_of<S: Simd>(&self, simd: S, first: usize, [x, y]: [f32; 2]) -> [W<S>; 2] {
-        let mean = sixteen_of(simd, &self.outlines.mean, first);
+        let mean = sixteen_of(simd, &self.mean, first);
         [W::simd_from(simd, x) - mean[0], W::simd_from(simd, y) - mean[1]]
     }
 
     /// How much deeper than at their means sixteen records are in the affine form, in the square of pixels around a middle.
     #[inline(always)]
     fn rise<S: Simd>(&self, simd: S, first: usize, (middle, half): ([f32; 2], f32)) -> [W<S>; 2] {
-        let slope = sixteen_of(simd, &self.outlines.depth_slope, first);
+        let slope = sixteen_of(simd, &self.depth_slope, first);
         range(slope, self.offsets_of(simd, first, middle), half)
     }
 
@@ -199,12 +271,11 @@ impl Surfels {
     ) -> [W<S>; 2] {
         let infinity = W::simd_from(simd, f32::INFINITY);
         let one = W::simd_from(simd, 1.0);
-        let (depth, sigma_z) =
-            (sixteen(simd, &self.outlines.depth, first), sixteen(simd, &self.outlines.sigma_z, first));
+        let (depth, sigma_z) = (sixteen(simd, &self.depth, first), sixteen(simd, &self.sigma_z, first));
         let rise = self.rise(simd, first, (middle, half));
         let mut seen = [depth + rise[0], depth + rise[1]];
         let mut reach = sigma_z * SURFEL_REACH as f32;
-        let exact = mask32x16::from_bitmask(simd, self.outlines.exact >> first);
+        let exact = mask32x16::from_bitmask(simd, self.exact >> first);
         if exact.any_true() {
             let per_depth = sixteen(simd, &self.per_depth, first);
             let least_depth = sixteen(simd, &self.least_depth, first);
@@ -292,12 +363,13 @@ mod tests {
             for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
                 let [depth, nearest, reach]: [[f32; 16]; 3] = dispatch!(level, simd => {
                     let mut surfels = Surfels::NONE;
-                    surfels.fill(simd, (tile, [0.0; 3], &lens), [0].into_iter(), surfaces);
+                    let mut outlines = Outlines::NONE;
+                    surfels.fill(simd, (tile, [0.0; 3], &lens), ([0].into_iter(), surfaces), &mut outlines);
                     let surfel = surfels.get(0);
                     let pixels = crate::tile::pixels(simd, [0.0; 2]);
                     let sample = surfel.sample(simd, pixels, &lens);
                     let inside = sample.inside;
-                    let nearest = surfel.spans(simd, &sample, pixels, &lens).nearest;
+                    let nearest = surfel.spans(simd, &sample, (pixels, surfels.slant(0)), &lens).nearest;
                     let zero = W::simd_from(simd, 0.0);
                     // Beside the splat nothing is asked.
                     let beside = zero - surfel.least_reach;
