@@ -88,15 +88,25 @@ impl Frame {
 #[derive(Default)]
 pub(crate) struct Clear {
     tiles: Vec<AtomicBool>,
-    /// The pictures' size, the tiles' side, and how the background looks.
-    of: Option<([usize; 2], usize, [f32; 4], Blend, Channels)>,
+    of: Option<Ground>,
+}
+
+/// What tiles that show nothing look like, and where they are.
+#[derive(PartialEq)]
+struct Ground {
+    size: [usize; 2],
+    side: usize,
+    background: [f32; 4],
+    blend: Blend,
+    channels: Channels,
 }
 
 impl Clear {
     /// Begins a picture, in tiles of a side.
     pub(crate) fn begin(&mut self, frame: &Frame, side: usize, settings: &RenderSettings) {
+        let RenderSettings { background, blend, channels, .. } = *settings;
         let size = [frame.width, frame.height];
-        let of = Some((size, side, settings.background, settings.blend, settings.channels));
+        let of = Some(Ground { size, side, background, blend, channels });
         if self.of != of {
             self.of = of;
             self.tiles.clear();

@@ -28,7 +28,7 @@ use crate::tile::{BLOCK_SIDE, Tile};
 use crate::validate::SceneError;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
-use tiles::{TileBuffers, TileDrawer};
+use tiles::{Place, TileBuffers, TileDrawer};
 
 /// Draws a scene, on the threads of the current rayon pool; the picture does not depend on how many.
 ///
@@ -315,7 +315,9 @@ impl Renderer {
             level: *level,
         };
         let bands: Vec<Mutex<FrameRows>> = self.frame.bands(BAND).map(Mutex::new).collect();
-        let bands_of = |index: usize| &bands[index / columns * (*side / BAND)..];
+        let clear = &*clear;
+        let place_of =
+            |index: usize| Place { index, bands: &bands[index / columns * (*side / BAND)..], clear };
         let tile_of = |index: usize| Tile::new([index % columns, index / columns], *side, picture);
         let store = |counts: &[AtomicU64; 2], found: [u64; 2]| {
             counts.iter().zip(found).for_each(|(sum, own)| sum.store(own, Relaxed));
@@ -331,7 +333,7 @@ impl Renderer {
                 }
                 let tile = (tile_of(index), surfaces_of(index));
                 let found = if visible[1].is_empty() {
-                    drawer.draw_surfaces(tile, buffers, (bands_of(index), &*clear, index))
+                    drawer.draw_surfaces(tile, buffers, place_of(index))
                 } else {
                     drawer.keep_cuts(tile, buffers, (cuts, index))
                 };
@@ -353,7 +355,7 @@ impl Renderer {
             if occlusion.changed()[index] || lattice.is_stale(tile) {
                 let listed = if lattice.is_used() { lattice.tile_of(tile) } else { index };
                 let lists = [surfaces_of(index), volumes.lists.tile(listed)];
-                let more = (&*cuts, &*lattice, (bands_of(index), &*clear, index));
+                let more = (&*cuts, &*lattice, place_of(index));
                 store(&counts[index], drawer.draw((tile, lists), buffers, more));
             }
         });

@@ -61,6 +61,16 @@ pub(super) fn for_each(
     });
 }
 
+/// Where a tile is written.
+#[derive(Clone, Copy)]
+pub(super) struct Place<'a> {
+    /// Its number.
+    pub(super) index: usize,
+    /// The frame from its first rows on.
+    pub(super) bands: &'a [Mutex<FrameRows<'a>>],
+    pub(super) clear: &'a Clear,
+}
+
 /// Draws tiles.
 pub(super) struct TileDrawer<'a> {
     pub(super) layers: LayerBuilder<'a>,
@@ -133,11 +143,11 @@ impl TileDrawer<'_> {
         &self,
         (tile, surfaces): (Tile, &[AtomicU32]),
         TileBuffers { layers, cuts, resolved, .. }: &mut TileBuffers,
-        (bands, clear, index): (&[Mutex<FrameRows>], &Clear, usize),
+        place: Place,
     ) -> u64 {
         let count = self.cut((tile, surfaces), (layers, cuts));
-        if !clear.stays(index, surfaces.is_empty()) {
-            self.resolve(tile, (cuts, None), (resolved, bands));
+        if !place.clear.stays(place.index, surfaces.is_empty()) {
+            self.resolve(tile, (cuts, None), (resolved, place.bands));
         }
         count
     }
@@ -148,11 +158,11 @@ impl TileDrawer<'_> {
         &self,
         (tile, [surfaces, volumes]): (Tile, [&[AtomicU32]; 2]),
         buffers: &mut TileBuffers,
-        (kept, lattice, (bands, clear, index)): (&KeptCuts, &Lattice, (&[Mutex<FrameRows>], &Clear, usize)),
+        (kept, lattice, place): (&KeptCuts, &Lattice, Place),
     ) -> [u64; 2] {
         let Self { compositor, resolver, looked, observer, level, .. } = self;
         let TileBuffers { layers, cuts, kernels, runs, list, resolved } = buffers;
-        if surfaces.is_empty() || !kept.restore(index, cuts) {
+        if surfaces.is_empty() || !kept.restore(place.index, cuts) {
             self.cut((tile, surfaces), (layers, cuts));
         }
         let mut found = [0; 2];
@@ -182,8 +192,8 @@ impl TileDrawer<'_> {
             });
         }
         looked.store_reached(tile, reached);
-        if !clear.stays(index, surfaces.is_empty() && !has_runs) {
-            self.resolve(tile, (cuts, has_runs.then_some(&*runs)), (resolved, bands));
+        if !place.clear.stays(place.index, surfaces.is_empty() && !has_runs) {
+            self.resolve(tile, (cuts, has_runs.then_some(&*runs)), (resolved, place.bands));
         }
         found
     }
