@@ -349,7 +349,7 @@ impl LayerBuilder<'_> {
                         continue;
                     }
                 }
-                let weight = inside.select(surfel.weight(simd, &sample, &self.lens), zero);
+                let weight = inside.select(surfel.weight(simd, &sample), zero);
                 let nearer = inside & sample.depth.simd_lt(found.depth);
                 found.depth = nearer.select(sample.depth, found.depth);
                 let place = u32x16::simd_from(simd, first + found.count as u32);
@@ -434,8 +434,8 @@ impl LayerBuilder<'_> {
             if !has_others {
                 rest[candidate.batch as usize] &= !(1 << candidate.number);
             }
-            // Where no sample was found the difference is infinite.
-            let behind = weight.simd_gt(zero).select(depth - peel.depth, zero);
+            // Where nothing is seen the difference may be infinite.
+            let behind = is_seen.select(depth - peel.depth, zero);
             adding.add(simd, (surfel, surfels.look(number)), [weight, behind]);
         }
         if holds_sixteen::<S>() {

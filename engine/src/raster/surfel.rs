@@ -189,7 +189,7 @@ impl Surfel {
 
     /// Coverage over the cloud's floor; of meaning where a pixel is inside.
     #[inline(always)]
-    pub(crate) fn weight<S: Simd>(&self, simd: S, sample: &Sample<S>, lens: &SurfelLens) -> W<S> {
+    pub(crate) fn weight<S: Simd>(&self, simd: S, sample: &Sample<S>) -> W<S> {
         // n·v where it is seen: of all places x on a plane n·x is the same.
         let peak = match sample.per_den {
             Some(per_den) => {
@@ -197,6 +197,6 @@ impl Surfel {
             }
             None => W::simd_from(simd, self.facing.abs()),
         };
-        exp2_from(simd, sample.exponent, lens.end()) * peak
+        exp2_roughly(simd, sample.exponent) * peak
     }
 }
