@@ -50,6 +50,7 @@ struct Here<S: Simd> {
 }
 
 /// Buffers of one thread.
+#[derive(Default)]
 pub(crate) struct LayerBuffers {
     /// A tile's records, and how many batches of them it has.
     batches: Vec<Surfels>,
@@ -60,14 +61,8 @@ pub(crate) struct LayerBuffers {
     rest: Vec<u64>,
     /// Those that the layer may have samples of.
     listed: List,
+    /// Room for those of a batch.
     outlines: Outlines,
-}
-
-impl Default for LayerBuffers {
-    fn default() -> Self {
-        let (batches, rest, listed) = Default::default();
-        Self { batches, used: 0, usual: [0.0; 3], rest, listed, outlines: Outlines::NONE }
-    }
 }
 
 /// Where a layer is looked for.

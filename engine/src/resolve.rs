@@ -27,8 +27,8 @@ pub(crate) struct Resolver<'a> {
 /// The pixels of a tile, before they are written.
 #[derive(Default)]
 pub(crate) struct Resolved {
-    /// Linear and premultiplied, by the tile's rows: a frame's pixels lie anywhere in the lines of the cache, and to write a row of them
-    /// at once begins and ends within one, which each row of a block would.
+    /// Linear and premultiplied, by rows: where the frame doesn't begin with a line of the cache, each row of a block lies in two lines,
+    /// and a whole row fills all but its ends.
     colors: Vec<[f32; 4]>,
     /// All other channels by blocks, where they are asked for.
     rests: Vec<Rest>,

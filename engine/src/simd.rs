@@ -192,24 +192,21 @@ pub(crate) fn exp2_within<S: Simd, F: Floats<S>>(simd: S, t: F) -> F {
     F::from_bits(exp2_bits(simd, t, COEFFICIENTS))
 }
 
-/// 2^x for |x| ≤ ½.
-const TO_3E6: [f32; 5] = [0.999_999_3, 0.693_121_8, 0.240_247_44, 0.055_917_86, 0.009_570_102];
-
-/// As [`exp2_from`] for −126 ≤ t ≤ 127, elsewhere of no meaning.
+/// 2^t for −126 ≤ t ≤ 127, within 3e-6 of itself; outside any bits.
 #[inline(always)]
 pub(crate) fn exp2_roughly<S: Simd, F: Floats<S>>(simd: S, t: F) -> F {
-    F::from_bits(exp2_bits(simd, t, TO_3E6))
+    const COEFFICIENTS: [f32; 5] = [0.999_999_3, 0.693_121_8, 0.240_247_44, 0.055_917_86, 0.009_570_102];
+    F::from_bits(exp2_bits(simd, t, COEFFICIENTS))
 }
 
-/// 2^t for least ≤ t ≤ 127 within 3e-6 of itself, 0 below least, which is at least −126.
+/// As [`exp2_roughly`], but 0 below least, which is at least −126.
 #[inline(always)]
 pub(crate) fn exp2_from<S: Simd, F: Floats<S>>(simd: S, t: F, least: f32) -> F
 where
     F::Mask: Select<F::Bits>,
 {
-    let bits = exp2_bits(simd, t, TO_3E6);
     let is_within = t.simd_ge(F::simd_from(simd, least));
-    F::from_bits(is_within.select(bits, F::Bits::simd_from(simd, 0)))
+    F::from_bits(is_within.select(exp2_roughly(simd, t).to_bits(), F::Bits::simd_from(simd, 0)))
 }
 
 /// The bits of 2^t, from a polynomial that is 2^x for |x| ≤ ½.

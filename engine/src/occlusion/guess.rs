@@ -42,9 +42,6 @@ pub(super) struct Guess {
     /// What ranges of surfaces cover, and by how much each of a volume fills its rectangle.
     sheets: Vec<Sheet>,
     fillings: Vec<f32>,
-    /// How often the ranges that are asked first cover pixels, summed over these, and the tiles that they touch.
-    probes: Vec<(f64, [Range<usize>; 2])>,
-    is_touched: Vec<bool>,
 }
 
 impl Guess {
@@ -58,31 +55,25 @@ impl Guess {
 
     /// Whether much of a kind may be hidden, as a few of its ranges tell.
     pub(super) fn may_hide(
-        &mut self,
+        &self,
         (scene, sight, spent): (&Scene, &Sight, f64),
         kind: usize,
         ranges: &[VisibleRange],
     ) -> bool {
-        let Self { side, columns, probes, is_touched, .. } = self;
-        let probe = |range: &VisibleRange| {
+        let mut is_touched = vec![false; self.tiles.len()];
+        let mut sum = 0.0;
+        for range in ranges.iter().step_by(PROBED) {
             let cloud = &scene.clouds[range.cloud];
-            let area = match kind {
+            sum += match kind {
                 0 => Facing::new(sight, cloud, range).area(range, spent),
                 _ => optical_area(sight, cloud, range) / -spent.ln(),
             };
-            (area, squares(&Bounds::new(sight, range).pixels, *side))
-        };
-        ranges.par_iter().step_by(PROBED).map(probe).collect_into_vec(probes);
-        is_touched.clear();
-        is_touched.resize(self.tiles.len(), false);
-        let mut sum = 0.0;
-        for (area, [across, down]) in probes {
-            sum += *area;
-            for row in down {
-                is_touched[row * columns[1]..][across.clone()].fill(true);
+            let [columns, rows] = squares(&Bounds::new(sight, range).pixels, self.side);
+            for row in rows {
+                is_touched[row * self.columns[1]..][columns.clone()].fill(true);
             }
         }
-        let touched = is_touched.iter().filter(|is_touched| **is_touched).count() * *side * *side;
+        let touched = is_touched.into_iter().filter(|is_touched| *is_touched).count() * self.side * self.side;
         sum * PROBED as f64 >= DEEP[kind] * touched as f64
     }
 

@@ -69,6 +69,12 @@ impl BlockMasks {
     }
 }
 
+impl Default for Outlines {
+    fn default() -> Self {
+        Self::NONE
+    }
+}
+
 impl Outlines {
     pub(crate) const NONE: Self = Self {
         mean: [[0.0; BATCH]; 2],

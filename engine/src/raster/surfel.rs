@@ -78,6 +78,8 @@ pub(crate) struct Surfel {
     is_exact: bool,
 }
 
+const _: () = assert!(size_of::<Surfel>() == 64);
+
 /// How a surfel lies, which only spans ask for.
 #[derive(Clone, Copy)]
 pub(crate) struct Slant {
