@@ -91,6 +91,11 @@ impl VisibleRange {
         self.first_id + (index * CHILDREN.pow(self.level as u32)) as u32
     }
 
+    /// That of a splat, and how much greater each of the next ones is.
+    pub(crate) fn ids(&self, first: usize) -> [u32; 2] {
+        [self.id(first), CHILDREN.pow(self.level as u32) as u32]
+    }
+
     /// How many splats are drawn.
     pub(crate) fn count(&self, levels: &[Level]) -> usize {
         let splats = self.splats.clone();

@@ -1,4 +1,4 @@
-//! Stage `layers`: the surface records of a tile to cuts, as many as a pixel needs.
+//! Stage `layers`: the surfels of a tile to cuts, as many as a pixel needs.
 //!
 //! A sample spans the depths from where it is seen to where its plane passes the pixel; a layer takes a pixel's
 //! samples whose span comes within ε + 3σ_z of its first one's. Spans that meet are one surface: that is the
@@ -14,9 +14,9 @@ mod list;
 mod sums;
 
 use crate::cloud::Cloud;
-use crate::columns::Kind;
+use crate::columns::{Kind, LANES};
 use crate::cuts::{Cut, Cuts, MAX_LAYERS};
-use crate::raster::{BATCH, Column, Outlines, Surfaces, SurfelLens, Surfels};
+use crate::raster::{BATCH, Column, Room, Surfaces, SurfelLens, Surfels};
 use crate::simd::*;
 use crate::tile::{HALF_BLOCK, PIXELS, Tile, pixels};
 use list::{List, Listed};
@@ -52,7 +52,7 @@ struct Here<S: Simd> {
 /// Buffers of one thread.
 #[derive(Default)]
 pub(crate) struct LayerBuffers {
-    /// A tile's records, and how many batches of them it has.
+    /// A tile's surfels, and how many batches of them it has.
     batches: Vec<Surfels>,
     used: usize,
     /// The colour of the first, black where that is beyond white.
@@ -61,8 +61,7 @@ pub(crate) struct LayerBuffers {
     rest: Vec<u64>,
     /// Those that the layer may have samples of.
     listed: List,
-    /// Room for those of a batch.
-    outlines: Outlines,
+    room: Room,
 }
 
 /// Where a layer is looked for.
@@ -139,19 +138,24 @@ impl LayerBuilder<'_> {
     /// Brings the records of a tile together.
     #[inline(always)]
     fn fetch<S: Simd>(&self, simd: S, (tile, list): (Tile, &[AtomicU32]), buffers: &mut LayerBuffers) {
-        let LayerBuffers { batches, used, usual, outlines, .. } = buffers;
-        *used = list.len().div_ceil(BATCH);
-        batches.resize_with((*used).max(batches.len()), || Surfels::NONE);
-        let color = |entry: &AtomicU32| self.surfaces.records[entry.load(Ordering::Relaxed) as usize].color;
+        let LayerBuffers { batches, used, usual, room, .. } = buffers;
         // Differences from what is too bright would have few digits left.
         let is_within = |color: &[f32; 3]| color.iter().all(|c| (0.0..=1.0).contains(c));
+        let color = |entry: &AtomicU32| {
+            let octet = &self.surfaces.octets[entry.load(Ordering::Relaxed) as usize];
+            let [color @ .., _] = octet.look(octet.seen.trailing_zeros() as usize);
+            color
+        };
         *usual = list.first().map(color).filter(is_within).unwrap_or([0.0; 3]);
-        for (list, batch) in list.chunks(BATCH).zip(batches) {
-            let numbers = list.iter().map(
-                #[inline(always)]
-                |entry| entry.load(Ordering::Relaxed),
-            );
-            batch.fill(simd, (tile, *usual, &self.lens), (numbers, self.surfaces), outlines);
+        let mut left = list;
+        *used = 0;
+        while !left.is_empty() {
+            if *used == batches.len() {
+                batches.push(Surfels::NONE);
+            }
+            let taken = batches[*used].fill(simd, (tile, *usual, &self.lens), (left, self.surfaces), room);
+            left = &left[taken..];
+            *used += 1;
         }
     }
 
@@ -381,7 +385,7 @@ impl LayerBuilder<'_> {
             let (surfel, index) = (surfels.get(number), surfels.index(number));
             let sample = surfel.sample(simd, here.pixels, &self.lens);
             let spans = surfel.spans(simd, &sample, (here.pixels, surfels.slant(number)), &self.lens);
-            let cloud = u32::from(self.surfaces.records[index as usize].tag.cloud);
+            let cloud = self.surfaces.octets[index as usize / LANES].cloud;
             let tolerance = self.surfaces.depth_tolerances[cloud as usize];
             peel.limit = own.select(spans.farthest + tolerance, peel.limit);
             peel.record = own.select(u32x16::simd_from(simd, index), peel.record);

@@ -162,7 +162,7 @@ impl Renderer {
             splats: splats as u64,
             culled,
             occluded: self.occlusion.count(visible) + self.volumes.records.behind_cuts(),
-            visible: (self.surfaces.records.len() + self.volumes.records.len()) as u64,
+            visible: surfaces.iter().chain(&volumes).sum(),
             merged: drawn.map(|(drawn, ranges)| drawn.merged(ranges)).sum(),
             forms: std::array::from_fn(|form| surfaces[form] + volumes[form]),
             fragments: sum(0),
@@ -279,10 +279,10 @@ impl Renderer {
         let near = camera.near() as f32;
         // A quarter of the tolerance: what is behind changes a channel by at most that share of its brightness.
         let spent = (settings.tolerance / 4.0) as f32;
-        let Records { records, rects, samples, .. } = &surfaces.records;
+        let Records { octets, rects, .. } = &surfaces.records;
         let drawer = TileDrawer {
             layers: LayerBuilder {
-                surfaces: Surfaces { records, rects, samples, depth_tolerances },
+                surfaces: Surfaces { octets, rects, depth_tolerances },
                 lens: SurfelLens::new(&lens, near, settings.outline as f32),
                 spent,
             },
@@ -305,7 +305,7 @@ impl Renderer {
             },
             resolver: Resolver {
                 shaders,
-                samples,
+                octets,
                 settings,
                 lens,
                 camera_to_world: camera.pose().world_to_camera.matrix3.transpose(),
@@ -374,19 +374,16 @@ impl Drawn {
         self.records.append(view, visible, chosen);
         self.ranks.extend(chosen);
         if !is_first && !chosen.is_empty() {
-            let mut runs: Vec<_> = self.ranks.drain(..).zip(self.records.runs.drain(..)).collect();
-            runs.sort_unstable_by_key(|(rank, _)| *rank);
-            (self.ranks, self.records.runs) = runs.into_iter().unzip();
+            self.records.sort_runs(&mut self.ranks);
         }
     }
 
-    /// How many of the records are of splats that stand for others.
+    /// How many of the splats that are drawn stand for others.
     fn merged(&self, visible: &[VisibleRange]) -> u64 {
-        let runs = self.ranks.iter().zip(&self.records.runs);
-        runs.filter(|(rank, _)| visible[**rank as usize].level > 0).map(|(_, run)| run.len as u64).sum()
+        self.records.count(|run| visible[self.ranks[run] as usize].level > 0)
     }
 
-    /// Lists records by clusters, which come from near to far.
+    /// Lists octets by clusters, which come from near to far.
     fn list_by_cluster(
         &mut self,
         observer: &dyn Observer,

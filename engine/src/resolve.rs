@@ -1,9 +1,10 @@
 //! Stage `resolve`: a tile's cuts and runs to shaded pixels of the frame.
 
 use crate::color::linear_to_srgb;
+use crate::columns::LANES;
 use crate::composite::{Runs, Seeing, Seen};
 use crate::cuts::{Cut, Cuts};
-use crate::footprint::{Lens, SurfaceSample};
+use crate::footprint::{Lens, Octet};
 use crate::frame::{BAND, Channels, Frame, FrameRows};
 use crate::scene::{Blend, RenderSettings};
 use crate::shade::Shader;
@@ -18,7 +19,7 @@ pub(crate) struct Resolver<'a> {
     /// One a cloud.
     pub(crate) shaders: &'a [Shader],
     /// Of surfaces.
-    pub(crate) samples: &'a [SurfaceSample],
+    pub(crate) octets: &'a [Octet],
     pub(crate) settings: &'a RenderSettings,
     pub(crate) lens: Lens,
     pub(crate) camera_to_world: DMat3,
@@ -215,7 +216,7 @@ impl Resolver<'_> {
             ),
             ids: cut.record.map(|record| match record {
                 Cut::NO_NUMBER => Frame::NO_ID,
-                index => self.samples[index as usize].id,
+                index => self.octets[index as usize / LANES].id(index as usize % LANES),
             }),
         }
     }

@@ -161,6 +161,22 @@ pub(crate) fn splat<S: Simd>(simd: S, value: f32) -> V<S> {
     V::simd_from(simd, value)
 }
 
+/// Four numbers of each of eight splats, splat by splat.
+#[inline(always)]
+pub(crate) fn rows<S: Simd>(_: S, columns: [V<S>; 4]) -> [[f32; 4]; 8] {
+    let [a, b, c, d] = columns;
+    let (ac, bd) = ([a.zip_low(c), a.zip_high(c)], [b.zip_low(d), b.zip_high(d)]);
+    let pairs = [ac[0].zip_low(bd[0]), ac[0].zip_high(bd[0]), ac[1].zip_low(bd[1]), ac[1].zip_high(bd[1])];
+    let [p, q, r, s] = pairs.each(
+        #[inline(always)]
+        |pair| pair.split(),
+    );
+    [p.0, p.1, q.0, q.1, r.0, r.1, s.0, s.1].each(
+        #[inline(always)]
+        |row| row.into(),
+    )
+}
+
 /// Any count of numbers at once.
 pub(crate) trait Floats<S: Simd>: SimdFloat<S, Element = f32> {}
 

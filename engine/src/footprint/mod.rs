@@ -2,11 +2,13 @@
 //! the tolerance allows.
 
 mod ewa;
+mod octet;
 mod record;
 mod scalar;
 mod wide;
 
 pub use ewa::{CameraSplat, Footprint, Hit, Lens};
+pub(crate) use octet::Octet;
 pub use record::{Form, Kind, Record, RecordHit, Rect, Tag};
 
 use crate::camera::Camera;
@@ -29,38 +31,38 @@ pub(crate) fn cutoff_gain(cutoff: f64) -> f64 {
     -1.0 / (-0.5 * cutoff).exp_m1()
 }
 
-/// What the layers need of a surface record besides its geometry.
+/// What is drawn of a surfel besides its record.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct SurfaceSample {
     /// Unit shading normal in camera space.
     pub(crate) normal: [f32; 3],
     /// Opacity of the surface there.
     pub(crate) opacity: f32,
-    /// The splat's number in the scene.
-    pub(crate) id: u32,
 }
 
 /// What is drawn of one splat.
 struct Projected {
     record: Record,
     rect: Rect,
-    /// What volumes are sorted by, and surfaces roughly: from the eye, or z where rays are parallel; or the first slab.
+    /// What volumes are sorted by: from the eye, or z where rays are parallel; or the first slab.
     distance: f32,
     sample: SurfaceSample,
 }
 
-/// The records of a frame's volumes, or of its surfaces; parallel arrays.
+/// The records of a frame's volumes, or the octets of its surfaces; parallel arrays.
 ///
-/// First it is found which blocks of each visible range are projected. Every few ranges have as many places as these have splats, of which
-/// the first are taken: so they are projected side by side, and the places say the same for any number of threads.
+/// First it is found which blocks of each visible range are projected. Every few ranges have as many places as these have splats, or
+/// blocks of a surface, of which the first are taken: so they are projected side by side, and the places say the same for any number of
+/// threads.
 #[derive(Default)]
 pub(crate) struct Records {
+    /// Of volumes.
     pub(crate) records: Vec<Record>,
+    /// Of surfaces.
+    pub(crate) octets: Vec<Octet>,
     pub(crate) rects: Vec<Rect>,
-    /// Bits of the distances; sorting takes these places for the order.
+    /// Bits of volumes' distances; the order takes these places.
     pub(crate) distances: Vec<AtomicU32>,
-    /// Of surfaces; empty for volumes.
-    pub(crate) samples: Vec<SurfaceSample>,
     /// The places taken.
     pub(crate) runs: Vec<Run>,
     /// By range.
@@ -81,13 +83,14 @@ struct Tally {
     behind_cuts: u32,
 }
 
-/// Where the records of one range go, at least [`LANES`] places more than there are.
+/// Where the records of one range go, at least [`LANES`] places more than there are, or its octets.
 struct Places<'a> {
+    /// Empty for surfaces.
     records: &'a mut [Record],
+    /// Empty for volumes.
+    octets: &'a mut [Octet],
     rects: &'a mut [Rect],
     distances: &'a mut [AtomicU32],
-    /// As many, or none.
-    samples: &'a mut [SurfaceSample],
     run: &'a mut Run,
     tally: &'a mut Tally,
 }
@@ -96,62 +99,96 @@ struct Places<'a> {
 struct Slots<'a> {
     start: usize,
     records: &'a mut [Record],
+    octets: &'a mut [Octet],
     rects: &'a mut [Rect],
     distances: &'a mut [AtomicU32],
-    samples: &'a mut [SurfaceSample],
 }
 
 impl Slots<'_> {
-    /// Parts with the first places; of the samples with as many, if there are any.
+    /// Parts with the first places; of records and of octets with as many, if there are any.
     fn split(&mut self, count: usize) -> Self {
         let start = self.start;
         self.start += count;
         Self {
             start,
             records: self.records.split_off_mut(..count).unwrap_or_default(),
+            octets: self.octets.split_off_mut(..count).unwrap_or_default(),
             rects: self.rects.split_off_mut(..count).unwrap_or_default(),
             distances: self.distances.split_off_mut(..count).unwrap_or_default(),
-            samples: self.samples.split_off_mut(..count).unwrap_or_default(),
         }
     }
 }
 
 impl Places<'_> {
-    fn push(&mut self, splat: Projected) {
-        let Projected { record, rect, distance, sample } = splat;
+    /// Puts a kernel in the next place.
+    fn push(&mut self, kernel: Projected) {
+        let Projected { record, rect, distance, .. } = kernel;
         let place = self.run.len;
         self.records[place] = record;
         self.rects[place] = rect;
         *self.distances[place].get_mut() = distance.to_bits();
-        if let Some(slot) = self.samples.get_mut(place) {
-            *slot = sample;
-        }
         self.tally.forms[record.tag.form as usize] += 1;
         self.run.include([distance; 2]);
         self.run.len = place + 1;
     }
 
-    /// Puts the last splat before the one at `place`.
+    /// Puts the last kernel before the one at `place`.
     fn move_last_to(&mut self, place: usize) {
         let moved = place..self.run.len;
         self.records[moved.clone()].rotate_right(1);
         self.rects[moved.clone()].rotate_right(1);
-        self.distances[moved.clone()].rotate_right(1);
-        if let Some(samples) = self.samples.get_mut(moved) {
-            samples.rotate_right(1);
-        }
+        self.distances[moved].rotate_right(1);
+    }
+
+    /// Begins the octet in the next place: of a cloud, and of ids.
+    fn begin_octet(&mut self, cloud: u16, ids: [u32; 2]) {
+        let octet = &mut self.octets[self.run.len];
+        (octet.cloud, octet.ids) = (cloud.into(), ids);
+        (octet.seen, octet.are_alike) = (0, false);
+        self.rects[self.run.len] = Rect::NONE;
+    }
+
+    /// Puts a surfel in that octet.
+    fn put(&mut self, lane: usize, surfel: &Projected) {
+        let place = self.run.len;
+        self.octets[place].put(lane, surfel);
+        self.rects[place] = self.rects[place].around_both(&surfel.rect);
+        self.tally.forms[surfel.record.tag.form as usize] += 1;
+    }
+
+    /// Keeps that octet if any is seen.
+    fn end_octet(&mut self) {
+        self.run.len += usize::from(self.octets[self.run.len].seen != 0);
     }
 }
 
 impl Records {
-    /// How many there are.
+    /// How many places are taken.
     pub(crate) fn len(&self) -> usize {
         self.runs.iter().map(|run| run.len).sum()
     }
 
-    /// How many there are of each form.
+    /// How many splats are drawn in each form.
     pub(crate) fn forms(&self) -> [u64; Form::ALL.len()] {
         std::array::from_fn(|form| self.tallies.iter().map(|tally| u64::from(tally.forms[form])).sum())
+    }
+
+    /// How many splats are drawn of some runs.
+    pub(crate) fn count(&self, of_run: impl Fn(usize) -> bool) -> u64 {
+        let own = self.tallies.iter().enumerate().filter(|(run, _)| of_run(*run));
+        own.map(|(_, tally)| tally.forms.iter().map(|count| u64::from(*count)).sum::<u64>()).sum()
+    }
+
+    /// Puts runs in the order of their ranks.
+    pub(crate) fn sort_runs(&mut self, ranks: &mut [u32]) {
+        let runs = ranks.iter().zip(self.runs.drain(..).zip(self.tallies.drain(..)));
+        let mut runs: Vec<_> = runs.map(|(rank, run)| (*rank, run)).collect();
+        runs.sort_unstable_by_key(|(rank, _)| *rank);
+        for ((rank, (run, tally)), place) in runs.into_iter().zip(ranks) {
+            *place = rank;
+            self.runs.push(run);
+            self.tallies.push(tally);
+        }
     }
 
     /// How many splats in the picture have none, since they lie behind cuts.
@@ -178,23 +215,29 @@ impl Records {
             WideProjector::new(&view.projector(range)).blocks(view.level, range)
         };
         chosen.par_iter().with_min_len(RANGES_TOGETHER).map(blocks).collect_into_vec(&mut self.blocks);
-        let places = |blocks: &[Blocks]| blocks.iter().map(|blocks| blocks.count).sum::<usize>() + LANES;
+        let is_surface = ranges.iter().any(|range| range.is_surface);
+        let places = |blocks: &[Blocks]| {
+            let count = |blocks: &Blocks| if is_surface { blocks.len() } else { blocks.count };
+            // Eight records are written where one is.
+            blocks.iter().map(count).sum::<usize>() + if is_surface { 0 } else { LANES }
+        };
         let (begin, start) = (self.runs.len(), self.used);
         self.used += self.blocks.chunks(RANGES_TOGETHER).map(places).sum::<usize>();
-        // Volumes have no samples.
-        let samples = if ranges.iter().any(|range| range.is_surface) { self.used } else { 0 };
-        grow(&mut self.records, self.used, || Record::BLANK);
+        if is_surface {
+            grow(&mut self.octets, self.used, || Octet::NONE);
+        } else {
+            grow(&mut self.records, self.used, || Record::BLANK);
+        }
         grow(&mut self.rects, self.used, Rect::default);
         grow(&mut self.distances, self.used, AtomicU32::default);
-        grow(&mut self.samples, samples, SurfaceSample::default);
         self.runs.resize(begin + chosen.len(), Run::new(0));
         self.tallies.resize(begin + chosen.len(), Tally::default());
         let mut rest = Slots {
             start,
-            records: &mut self.records[start..],
+            records: self.records.get_mut(start..).unwrap_or_default(),
+            octets: self.octets.get_mut(start..).unwrap_or_default(),
             rects: &mut self.rects[start..],
             distances: &mut self.distances[start..],
-            samples: self.samples.get_mut(start..).unwrap_or_default(),
         };
         let together = self.blocks.chunks(RANGES_TOGETHER);
         let slots: Vec<Slots> = together.map(|blocks| rest.split(places(blocks))).collect();
@@ -206,10 +249,10 @@ impl Records {
                 for (((rank, blocks), run), tally) in ranks.iter().zip(blocks).zip(runs).zip(tallies) {
                     *run = Run::new(slots.start);
                     tally.behind_cuts = blocks.behind_cuts;
-                    let Slots { records, rects, distances, samples, .. } = &mut slots;
+                    let Slots { records, octets, rects, distances, .. } = &mut slots;
                     let range = &ranges[*rank as usize];
                     let projector = view.projector(range);
-                    let mut places = Places { records, rects, distances, samples, run, tally };
+                    let mut places = Places { records, octets, rects, distances, run, tally };
                     WideProjector::new(&projector).project(view.level, (range, blocks), &mut places);
                     slots.split(run.len);
                 }

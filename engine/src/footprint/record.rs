@@ -81,6 +81,17 @@ pub struct Rect {
 }
 
 impl Rect {
+    /// No pixels: around it and another one lies the other one.
+    pub(crate) const NONE: Self = Self { min: [u16::MAX; 2], max: [0; 2] };
+
+    /// The least one with the pixels of two.
+    pub(crate) fn around_both(&self, other: &Self) -> Self {
+        Self {
+            min: [0, 1].map(|axis| self.min[axis].min(other.min[axis])),
+            max: [0, 1].map(|axis| self.max[axis].max(other.max[axis])),
+        }
+    }
+
     /// The pixels of a picture whose centres lie within `half` of `center`; `None` if there are none.
     pub fn around(center: DVec2, half: DVec2, size: [u32; 2]) -> Option<Self> {
         // Single precision moves a pixel by less than this.

@@ -99,7 +99,7 @@ impl<'a> Projector<'a> {
     }
 
     /// What is drawn of a splat; `None` if nothing.
-    pub(super) fn project_splat(&self, index: usize, id: u32) -> Option<Projected> {
+    pub(super) fn project_splat(&self, index: usize) -> Option<Projected> {
         let View { camera, settings, lens, frustum, closing, .. } = &self.view;
         let splats = self.columns;
         let factor_in_cloud = splats.factor(index);
@@ -162,7 +162,7 @@ impl<'a> Projector<'a> {
         };
         let gain = cutoff_gain(cutoff);
         let ray = footprint.center_ray;
-        let mut sample = SurfaceSample { id, ..SurfaceSample::default() };
+        let mut sample = SurfaceSample::default();
         match &splats.kind {
             columns::Kind::Extinction => {
                 let mass = f64::from(splats.strength(index)) * self.determinant * gain;

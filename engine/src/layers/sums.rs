@@ -41,7 +41,7 @@ impl<S: Simd> Sums<S> {
     #[inline(always)]
     pub(super) fn add(&mut self, simd: S, (surfel, look): (&Surfel, &Look), [weight, behind]: [W<S>; 2]) {
         self.depth = behind.mul_add(weight, self.depth);
-        if !surfel.is_plain {
+        if !surfel.is_plain() {
             self.clear = weight.mul_add(W::simd_from(simd, look.clear), self.clear);
             self.tint = [0, 1, 2].each(
                 #[inline(always)]
@@ -49,7 +49,7 @@ impl<S: Simd> Sums<S> {
             );
         }
         // An index would keep both sides in memory.
-        if surfel.faces_away {
+        if surfel.faces_away() {
             self.back.add(simd, surfel, weight);
         } else {
             self.front.add(simd, surfel, weight);

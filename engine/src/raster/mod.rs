@@ -10,6 +10,6 @@ mod slabs;
 mod surfel;
 
 pub(crate) use kernel::{Fragments, KERNEL_REACH, KernelLens, Kernels, Places, Spans, reach_to_cuts};
-pub(crate) use outline::{BATCH, Column, Outlines};
+pub(crate) use outline::{BATCH, Column};
 pub(crate) use slabs::{Grain, SlabColumns, SlabShare};
-pub(crate) use surfel::{Look, STEEPEST, SURFEL_REACH, Surfaces, Surfel, SurfelLens, Surfels};
+pub(crate) use surfel::{Look, Room, STEEPEST, SURFEL_REACH, Surfaces, Surfel, SurfelLens, Surfels};

@@ -50,6 +50,7 @@ pub(crate) struct Exact<S: Simd> {
 
 /// What the exact form makes of a record's depth, its slope and σ₀.
 #[derive(Clone, Copy)]
+#[repr(C)]
 pub(crate) struct Plane {
     pub(crate) depth: f32,
     pub(crate) slope: [f32; 2],

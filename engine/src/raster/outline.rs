@@ -1,9 +1,11 @@
 //! Which blocks of a tile the ellipses of records meet.
 
 use super::offsets::{HALF_LOG2_E, Offsets, Plane, ROOT_HALF_LOG2_E};
-use crate::footprint::{Form, Record, Rect};
+use crate::columns::LANES;
+use crate::footprint::{Form, Octet, Record, Rect};
 use crate::simd::*;
 use crate::tile::{BLOCK_SIDE, MAX_BLOCKS, Tile};
+use std::ops::Range;
 
 /// Records that are rasterized together: as many as a mask has bits.
 pub(crate) const BATCH: usize = u64::BITS as usize;
@@ -24,12 +26,18 @@ pub(crate) struct Outlines {
     pub(crate) depth_slope: [Column; 2],
     pub(crate) sigma_z: Column,
     /// 1/d_z and (σ₀/d_z)²/k where any is in the exact form; 0 of the others.
-    per_depth: Column,
-    spread: Column,
+    pub(crate) per_depth: Column,
+    pub(crate) spread: Column,
     /// Those in the exact form, and the points.
     pub(crate) exact: u64,
     pub(crate) points: u64,
     count: usize,
+}
+
+#[inline(always)]
+fn bits(sixteens: [u16; BATCH / 16]) -> u64 {
+    let [a, b, c, d] = sixteens.map(u64::from);
+    a | b << 16 | c << 32 | d << 48
 }
 
 /// For each block of a tile the records of a batch that it needs, by sixteens.
@@ -42,8 +50,7 @@ impl BlockMasks {
     /// The records that a block needs.
     #[inline(always)]
     pub(crate) fn of(&self, block: usize) -> u64 {
-        let [a, b, c, d] = self.0[block].map(u64::from);
-        a | b << 16 | c << 32 | d << 48
+        bits(self.0[block])
     }
 
     /// Leaves out all records but these.
@@ -101,6 +108,26 @@ impl Outlines {
             self.points |= u64::from(record.tag.form == Form::Point) << number;
             self.count = number + 1;
         }
+    }
+
+    /// Begins with as many records as were put in their places; those of a set are in the exact form.
+    #[inline(always)]
+    pub(crate) fn begin_with(&mut self, count: usize, exact: u64) {
+        (self.exact, self.points, self.count) = (exact, 0, count);
+    }
+
+    /// Puts in some of an octet's surfels, as they are, from a place on.
+    #[inline(always)]
+    pub(crate) fn put<S: Simd>(&mut self, simd: S, place: (usize, M<S>), octet: &Octet) {
+        for axis in 0..2 {
+            put(simd, &mut self.mean[axis], place, V::simd_from(simd, octet.mean[axis]));
+            put(simd, &mut self.depth_slope[axis], place, V::simd_from(simd, octet.depth_slope[axis]));
+        }
+        for (column, root) in self.root.iter_mut().zip(octet.conic_root) {
+            put(simd, column, place, V::simd_from(simd, root));
+        }
+        put(simd, &mut self.depth, place, V::simd_from(simd, octet.depth));
+        put(simd, &mut self.sigma_z, place, V::simd_from(simd, octet.sigma_z));
     }
 
     /// Takes in a record as it is.
@@ -216,7 +243,8 @@ impl Outlines {
                 let exact = mask32x16::from_bitmask(simd, self.exact >> first);
                 open |= ellipses.make_exact(simd, exact, self, first).to_bitmask() << first;
             }
-            ellipses.meet(simd, tile, first, &mut masks);
+            let kept = mask32x16::from_bitmask(simd, kept >> first);
+            ellipses.meet(simd, tile, (first, kept), &mut masks);
         }
         open &= kept;
         masks.keep(kept & !open);
@@ -285,9 +313,9 @@ impl<S: Simd> Ellipses<S> {
     }
 
     /// Adds records to the masks of the blocks that their ellipses meet: in a column of blocks those between the
-    /// ellipse's outermost pixels there.
+    /// ellipse's outermost pixels there. Looks no further than those that are kept reach.
     #[inline(always)]
-    fn meet(&self, simd: S, tile: Tile, first: usize, masks: &mut BlockMasks) {
+    fn meet(&self, simd: S, tile: Tile, (first, kept): (usize, mask32x16<S>), masks: &mut BlockMasks) {
         let least = W::simd_from(simd, 1e-30);
         let (zero, last) = (W::simd_from(simd, 0.0), W::simd_from(simd, (BLOCK_SIDE - 1) as f32));
         let Self { mean: [x, y], root: [a, b, c], end } = *self;
@@ -301,7 +329,11 @@ impl<S: Simd> Ellipses<S> {
         let lowest = -b * inverse_ac * root;
         let m = -a * b * inverse_s;
         let per_u = -(a * c) * (a * c) * inverse_s;
-        for column in 0..tile.blocks_a_side() {
+        let columns = blocks_around(simd, tile, kept, [x - reach, x + reach]);
+        let half = root / c + 0.01;
+        let rows = blocks_around(simd, tile, kept, [y - half, y + half]);
+        let above = (rows.start * BLOCK_SIDE) as f32;
+        for column in columns {
             let left = W::simd_from(simd, (column * BLOCK_SIDE) as f32) - x;
             let right = left + (BLOCK_SIDE - 1) as f32;
             let is_met = left.simd_le(reach) & right.simd_ge(-reach);
@@ -318,15 +350,41 @@ impl<S: Simd> Ellipses<S> {
                 },
             );
             // From the first row of blocks, then from the next.
-            let (mut bottom, mut top) = (u.mul_add(m, y) + half, u_top.mul_add(m, y) - half_top);
-            let rows = column * tile.blocks_a_side()..(column + 1) * tile.blocks_a_side();
-            for mask in &mut masks.0[rows] {
+            let (mut bottom, mut top) =
+                (u.mul_add(m, y) + half - above, u_top.mul_add(m, y) - half_top - above);
+            let start = column * tile.blocks_a_side();
+            for mask in &mut masks.0[start + rows.start..start + rows.end] {
                 let met = is_met & bottom.simd_ge(zero) & top.simd_le(last);
                 mask[first / 16] = met.to_bitmask() as u16;
                 (bottom, top) = (bottom - BLOCK_SIDE as f32, top - BLOCK_SIDE as f32);
             }
         }
     }
+}
+
+/// The columns, or the rows, of a tile's blocks that any of sixteen ranges of pixels reaches into. What is no number reaches nowhere.
+#[inline(always)]
+fn blocks_around<S: Simd>(simd: S, tile: Tile, kept: mask32x16<S>, [low, high]: [W<S>; 2]) -> Range<usize> {
+    let infinity = W::simd_from(simd, f32::INFINITY);
+    let low = (kept & low.simd_eq(low)).select(low, infinity).reduce_min();
+    let high = (kept & high.simd_eq(high)).select(high, -infinity).reduce_max();
+    // Casts keep to the numbers that there are.
+    let block = |pixel: f32| pixel as usize / BLOCK_SIDE;
+    let end = if high < 0.0 { 0 } else { (block(high) + 1).min(tile.blocks_a_side()) };
+    block(low).min(end)..end
+}
+
+/// Puts some of eight numbers side by side in a column from a place on. What is behind them, up to eight numbers, is lost.
+#[inline(always)]
+pub(crate) fn put<S: Simd>(simd: S, column: &mut Column, (first, some): (usize, M<S>), numbers: V<S>) {
+    simd.compress_f32x8(numbers, some).store_slice(&mut column[first..first + LANES]);
+}
+
+/// The numbers of eight records.
+#[inline(always)]
+pub(crate) fn eight<S: Simd>(simd: S, column: &Column, first: usize) -> V<S> {
+    let first = first % BATCH;
+    V::from_slice(simd, &column[first..first + LANES])
 }
 
 /// The numbers of sixteen records.

@@ -1,14 +1,15 @@
-//! Surface records to samples with a plane at the pixels of a block.
+//! Surfels to samples with a plane at the pixels of a block.
 
 mod batch;
+mod sides;
 
-use super::offsets::{Exact, HALF_LOG2_E, Offsets, Plane, ROOT_HALF_LOG2_E};
+use super::offsets::{Exact, HALF_LOG2_E, Offsets, Plane};
 use crate::camera::Projection;
-use crate::footprint::{Form, Lens, Record, Rect, SurfaceSample};
+use crate::footprint::{Lens, Octet, Rect};
 use crate::simd::*;
-use crate::tile::Tile;
 
 pub(crate) use batch::{Look, Surfels};
+pub(crate) use sides::Room;
 
 /// The steepest slope dz/dx that a surfel's plane is followed along: 86°. Steeper ones are followed as far, lest one seen edge-on before two
 /// sheets makes one layer of both.
@@ -17,7 +18,7 @@ pub(crate) const STEEPEST: f32 = 15.0;
 /// Spans begin as many σ_z before where a surfel is seen, or where its plane is.
 pub(crate) const SURFEL_REACH: f64 = 3.0;
 
-/// What surface records share.
+/// What surfels share.
 #[derive(Clone, Copy)]
 pub(crate) struct SurfelLens {
     near: f32,
@@ -47,17 +48,16 @@ impl SurfelLens {
     }
 }
 
-/// The surface records of a picture.
+/// The surfels of a picture, whose numbers are those of their octets times eight and on.
 #[derive(Clone, Copy)]
 pub(crate) struct Surfaces<'a> {
-    pub(crate) records: &'a [Record],
+    pub(crate) octets: &'a [Octet],
     pub(crate) rects: &'a [Rect],
-    pub(crate) samples: &'a [SurfaceSample],
     /// One a cloud.
     pub(crate) depth_tolerances: &'a [f32],
 }
 
-/// A surface record as the pixels of a tile see it: what each of its samples needs, in one line of the cache.
+/// A surfel as the pixels of a tile see it: what each of its samples needs, in one line of the cache.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(crate) struct Surfel {
@@ -71,12 +71,17 @@ pub(crate) struct Surfel {
     pub(crate) normal: [f32; 3],
     /// Wherever it is seen in the tile its span begins at least so far before.
     pub(crate) least_reach: f32,
-    /// Whether its back is seen: that of a plane is the same wherever it is before the eye.
-    pub(crate) faces_away: bool,
-    /// Whether it is opaque and has the tile's usual colour.
-    pub(crate) is_plain: bool,
-    is_exact: bool,
+    flags: u32,
 }
+
+/// Its back is seen: that of a plane is the same wherever it is before the eye.
+const FACES_AWAY: u32 = 1;
+
+/// It is opaque and has the tile's usual colour.
+const IS_PLAIN: u32 = 2;
+
+/// It is in the exact form.
+const IS_EXACT: u32 = 4;
 
 const _: () = assert!(size_of::<Surfel>() == 64);
 
@@ -116,32 +121,43 @@ impl Surfel {
         facing: 0.0,
         normal: [0.0; 3],
         least_reach: 0.0,
-        faces_away: false,
-        is_plain: true,
-        is_exact: false,
+        flags: IS_PLAIN,
     };
 
-    /// A record and its sample in a tile. What follows from those of many at once is still missing.
+    /// Its numbers in their order.
     #[inline(always)]
-    fn new(tile: Tile, record: &Record, sample: &SurfaceSample) -> Self {
-        let Record { depth, depth_slope: slope, .. } = *record;
-        Self {
-            mean: [0, 1].each(
-                #[inline(always)]
-                |axis| record.mean[axis] - (tile.origin[axis] as f32 + 0.5),
-            ),
-            root: record.conic_root.each(
-                #[inline(always)]
-                |root| root * ROOT_HALF_LOG2_E,
-            ),
-            plane: Plane { depth, slope, per_depth: 0.0, spread: 0.0 },
-            facing: record.amplitude,
-            normal: sample.normal,
-            least_reach: 0.0,
-            faces_away: record.amplitude * depth > 0.0,
-            is_plain: true,
-            is_exact: record.tag.form == Form::Exact,
-        }
+    fn set(&mut self, [place, depth, look, rest]: [&[f32; 4]; 4]) {
+        self.mean[0] = place[0];
+        self.mean[1] = place[1];
+        self.root[0] = place[2];
+        self.root[1] = place[3];
+        self.root[2] = depth[0];
+        self.plane.depth = depth[1];
+        self.plane.slope[0] = depth[2];
+        self.plane.slope[1] = depth[3];
+        self.plane.per_depth = look[0];
+        self.plane.spread = look[1];
+        self.facing = look[2];
+        self.normal[0] = look[3];
+        self.normal[1] = rest[0];
+        self.normal[2] = rest[1];
+        self.least_reach = rest[2];
+        self.flags = rest[3].to_bits();
+    }
+
+    #[inline(always)]
+    pub(crate) fn faces_away(&self) -> bool {
+        self.flags & FACES_AWAY != 0
+    }
+
+    #[inline(always)]
+    pub(crate) fn is_plain(&self) -> bool {
+        self.flags & IS_PLAIN != 0
+    }
+
+    #[inline(always)]
+    fn is_exact(&self) -> bool {
+        self.flags & IS_EXACT != 0
     }
 
     #[inline(always)]
@@ -153,7 +169,7 @@ impl Surfel {
     #[inline(always)]
     pub(crate) fn sample<S: Simd>(&self, simd: S, pixels: [W<S>; 2], lens: &SurfelLens) -> Sample<S> {
         let offsets = self.offsets(simd, pixels);
-        let (exponent, depth, per_den) = if self.is_exact {
+        let (exponent, depth, per_den) = if self.is_exact() {
             let Exact { exponent, depth, per_den, .. } = Exact::new(simd, &offsets, &self.plane);
             (exponent, depth, Some(per_den))
         } else {

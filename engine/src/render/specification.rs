@@ -6,6 +6,7 @@ use super::*;
 use crate::camera::{Pose, Projection};
 use crate::closed::Closed;
 use crate::cloud::{Cloud, Material, OpacityFilter, Shapes, Splats, Strength, Surface, oblate_factor};
+use crate::columns::LANES;
 use crate::footprint::{Form, Kind, Record, Rect};
 use crate::order::Keys;
 use crate::scene::{FootprintForm, Order};
@@ -110,7 +111,10 @@ impl<'a> Specification<'a> {
             lens: Lens::new(camera, settings.low_pass),
             surfaces,
             volumes,
-            surface_order: taken(surfaces),
+            surface_order: taken(surfaces)
+                .into_iter()
+                .flat_map(|octet| octet * LANES..(octet + 1) * LANES)
+                .collect(),
             volume_order,
             depth_tolerances,
         }
@@ -144,12 +148,12 @@ impl<'a> Specification<'a> {
         let (cutoff, near) = (self.settings.outline, self.camera.near());
         let mut samples = Vec::new();
         for place in &self.surface_order {
-            let (record, sample) = (&self.surfaces.records[*place], &self.surfaces.samples[*place]);
-            if !contains(&self.surfaces.rects[*place], pixel) {
+            let (octet, rect) = (&self.surfaces.octets[*place / LANES], &self.surfaces.rects[*place / LANES]);
+            let Some((record, sample)) = octet.get(*place % LANES).filter(|_| contains(rect, pixel)) else {
                 continue;
-            }
+            };
             let u = center - DVec2::from(record.mean.map(f64::from));
-            let Hit { r, z, sigma_z, scale, doubt } = hit(record, u);
+            let Hit { r, z, sigma_z, scale, doubt } = hit(&record, u);
             if (r - cutoff).abs() <= 2e-5 + doubt || (z - near).abs() <= 1e-5 * z.abs() {
                 return None;
             }
@@ -181,7 +185,7 @@ impl<'a> Specification<'a> {
                 coverage: peak * (-0.5 * r).exp(),
                 opacity: f64::from(sample.opacity),
                 color: DVec3::from(record.color.map(f64::from)),
-                id: sample.id,
+                id: octet.id(*place % LANES),
                 tolerance,
             });
         }

@@ -30,6 +30,11 @@ impl Blocks {
         Self { set, count, behind_cuts: 0 }
     }
 
+    /// How many blocks.
+    pub(crate) fn len(&self) -> usize {
+        self.set.count_ones() as usize
+    }
+
     /// The first splats of the blocks of a range.
     #[inline(always)]
     pub(super) fn each(&self, range: &VisibleRange) -> impl Iterator<Item = usize> + use<> {

@@ -115,10 +115,9 @@ impl<'a> WideProjector<'a> {
             }
         } else {
             for first in blocks.each(range) {
-                let chosen = range.chosen(self.scalar.levels, first);
-                (0..LANES)
-                    .filter(|lane| chosen >> lane & 1 != 0)
-                    .for_each(|lane| self.push_scalar(range, first + lane, out));
+                out.begin_octet(self.scalar.cloud_index, range.ids(first));
+                self.put_scalar((first, range.chosen(self.scalar.levels, first)), out);
+                out.end_octet();
             }
         }
     }
@@ -194,9 +193,12 @@ impl<'a> WideProjector<'a> {
         (dot(cross(*a, *b), to_center) * self.handedness).simd_ge(zero).all_true()
     }
 
-    fn push_scalar(&self, range: &VisibleRange, index: usize, out: &mut Places) {
-        if let Some(splat) = self.scalar.project_splat(index, range.id(index)) {
-            out.push(splat);
+    /// Projects some surfels of a block, each by itself.
+    fn put_scalar(&self, (first, chosen): (usize, u32), out: &mut Places) {
+        for lane in (0..LANES).filter(|lane| chosen >> lane & 1 != 0) {
+            if let Some(surfel) = self.scalar.project_splat(first + lane) {
+                out.put(lane, &surfel);
+            }
         }
     }
 }

@@ -7,9 +7,9 @@ use super::hidden::Hiding;
 use super::looks::Looks;
 use crate::columns::{self, LANES, Lanes};
 use crate::cull::VisibleRange;
+use crate::footprint::Places;
 use crate::footprint::record::{Form, Kind, Record, Rect, Tag};
 use crate::footprint::scalar::{MOST_AMPLITUDE, MOST_SUMMED, OPAQUE_AMPLITUDE};
-use crate::footprint::{Places, SurfaceSample};
 use crate::simd::*;
 
 /// The least and the greatest distance so far, lane by lane.
@@ -21,8 +21,6 @@ struct Drawn<S: Simd> {
     exact: M<S>,
     /// As bits.
     forms: [u32; Form::ALL.len()],
-    /// What they are sorted by.
-    distance: V<S>,
     /// Of amplitudes, or the slabs.
     slope: [V<S>; 2],
     /// Left, top, right and bottom in pixels.
@@ -61,34 +59,43 @@ impl WideProjector<'_> {
             seen = M::from_bitmask(simd, visible.into());
         }
         let hard = !(footprints.is_simple | behind).to_bitmask() as u32 & chosen;
+        let [points, exacts] = [point, exact].each(
+            #[inline(always)]
+            |form| form.to_bitmask() as u32,
+        );
+        let forms = [points, !(points | exacts), exacts];
+        for (count, form) in out.tally.forms.iter_mut().zip(forms) {
+            *count += (form & visible).count_ones();
+        }
+        if range.is_surface {
+            if visible | hard != 0 {
+                out.begin_octet(self.scalar.cloud_index, range.ids(first));
+                if visible != 0 {
+                    let drawn = Drawn { visible, exact, forms, slope: looks.slope, edges };
+                    self.write_octet(simd, first / LANES, drawn, (placed, footprints, looks), out);
+                }
+                self.put_scalar((first, hard), out);
+                out.end_octet();
+            }
+            return;
+        }
         let start = out.run.len;
         if visible != 0 {
             let closing = self.scalar.view.closing;
             let (mut distance, mut slope) =
                 (if self.perspective { dot(placed.center, placed.center).sqrt() } else { z }, looks.slope);
-            if !range.is_surface && closing.has_slabs() {
+            if closing.has_slabs() {
                 slope = self.slabs(simd, placed, exact, along);
                 distance = slope[0];
             }
             ends[0] = seen.select(distance, ends[0]).min(ends[0]);
             ends[1] = seen.select(distance, ends[1]).max(ends[1]);
-            let [points, exacts] = [point, exact].each(
-                #[inline(always)]
-                |form| form.to_bitmask() as u32,
-            );
-            let forms = [points, !(points | exacts), exacts];
-            for (count, form) in out.tally.forms.iter_mut().zip(forms) {
-                *count += (form & visible).count_ones();
-            }
-            let drawn = Drawn { visible, exact, forms, distance, slope, edges };
-            self.write(simd, drawn, (placed, footprints, looks), out);
-            if range.is_surface {
-                self.write_samples(simd, (range, first, visible), looks.normal, (start, out.samples));
-            }
+            let drawn = Drawn { visible, exact, forms, slope, edges };
+            self.write(simd, (drawn, distance), (placed, footprints, looks), out);
             out.run.len = start + visible.count_ones() as usize;
         }
         if hard != 0 {
-            self.insert_scalar(range, first, (visible, hard), (start, out));
+            self.insert_scalar(first, (visible, hard), (start, out));
         }
     }
 
@@ -105,7 +112,6 @@ impl WideProjector<'_> {
     #[cold]
     fn insert_scalar(
         &self,
-        range: &VisibleRange,
         first: usize,
         (visible, mut hard): (u32, u32),
         (start, out): (usize, &mut Places),
@@ -114,9 +120,8 @@ impl WideProjector<'_> {
         while hard != 0 {
             let lane = hard.trailing_zeros();
             hard &= hard - 1;
-            let before = out.run.len;
-            self.push_scalar(range, first + lane as usize, out);
-            if out.run.len > before {
+            if let Some(kernel) = self.scalar.project_splat(first + lane as usize) {
+                out.push(kernel);
                 let smaller = visible & ((1 << lane) - 1);
                 out.move_last_to(start + smaller.count_ones() as usize + inserted);
                 inserted += 1;
@@ -124,29 +129,14 @@ impl WideProjector<'_> {
         }
     }
 
+    /// Amplitudes as large as sums can take, and colours.
     #[inline(always)]
-    fn write<S: Simd>(
+    fn bounded<S: Simd>(
         &self,
         simd: S,
-        drawn: Drawn<S>,
-        (placed, footprints, looks): (&Placed<S>, &Footprints<S>, &Looks<S>),
-        out: &mut Places,
-    ) {
-        let Drawn { visible, exact, forms, distance, slope: other, edges } = drawn;
-        let mut amplitude = looks.amplitude;
-        let kind = match self.scalar.columns.kind {
-            columns::Kind::Extinction => Kind::Extinction,
-            columns::Kind::Opacity(_) => Kind::Opacity,
-            columns::Kind::Surface(_) => Kind::Surface,
-        };
-        if kind == Kind::Extinction {
-            // The exact form multiplies by |v| at the pixel.
-            let length = dot(placed.ray, placed.ray).sqrt();
-            amplitude = exact.select(amplitude, amplitude * length);
-        }
-        let [mean, slope] = [footprints.mean, footprints.depth_slope];
-        let [a, b, c] = footprints.conic_root;
-        let mut color = looks.color;
+        (amplitude, mut color): (V<S>, V3<S>),
+        forms: [u32; Form::ALL.len()],
+    ) -> (V<S>, V3<S>) {
         if self.scalar.view.settings.color_by_form {
             for (channel, form) in color.iter_mut().zip(forms) {
                 let own = M::from_bitmask(simd, form.into());
@@ -157,11 +147,33 @@ impl WideProjector<'_> {
         let brightest =
             red.abs().max(green.abs()).max(blue.abs()).max(splat(simd, MOST_SUMMED / MOST_AMPLITUDE));
         let most = (splat(simd, MOST_SUMMED) / brightest).max(splat(simd, OPAQUE_AMPLITUDE));
-        amplitude = amplitude.max(-most).min(most);
+        (amplitude.max(-most).min(most), color)
+    }
+
+    #[inline(always)]
+    fn write<S: Simd>(
+        &self,
+        simd: S,
+        (drawn, distance): (Drawn<S>, V<S>),
+        (placed, footprints, looks): (&Placed<S>, &Footprints<S>, &Looks<S>),
+        out: &mut Places,
+    ) {
+        let Drawn { visible, exact, forms, slope: slabs, edges } = drawn;
+        let mut amplitude = looks.amplitude;
+        let mut kind = Kind::Opacity;
+        if matches!(self.scalar.columns.kind, columns::Kind::Extinction) {
+            kind = Kind::Extinction;
+            // The exact form multiplies by |v| at the pixel.
+            let length = dot(placed.ray, placed.ray).sqrt();
+            amplitude = exact.select(amplitude, amplitude * length);
+        }
+        let [mean, slope] = [footprints.mean, footprints.depth_slope];
+        let [a, b, c] = footprints.conic_root;
+        let (amplitude, [red, green, blue]) = self.bounded(simd, (amplitude, looks.color), forms);
         let quads = [
             rows(simd, [mean[0], mean[1], placed.center[2], amplitude]),
             rows(simd, [a, b, c, footprints.sigma_z]),
-            rows(simd, [slope[0], slope[1], other[0], other[1]]),
+            rows(simd, [slope[0], slope[1], slabs[0], slabs[1]]),
             rows(simd, [red, green, blue, splat(simd, 0.0)]),
         ];
         let tags = Form::ALL.map(|form| Tag { cloud: self.scalar.cloud_index, kind, form });
@@ -193,27 +205,66 @@ impl WideProjector<'_> {
         }
     }
 
+    /// Writes the surfels of a block to the octet that has begun.
     #[inline(always)]
-    fn write_samples<S: Simd>(
+    fn write_octet<S: Simd>(
         &self,
         simd: S,
-        (range, first, visible): (&VisibleRange, usize, u32),
-        [x, y, z]: V3<S>,
-        (start, samples): (usize, &mut [SurfaceSample]),
+        block: usize,
+        drawn: Drawn<S>,
+        (placed, footprints, looks): (&Placed<S>, &Footprints<S>, &Looks<S>),
+        out: &mut Places,
     ) {
-        let columns = self.scalar.columns;
-        let normals = rows(simd, [x, y, z, splat(simd, 0.0)]);
-        let mut next = start;
-        for (lane, normal) in normals.iter().enumerate() {
-            if visible >> lane & 1 != 0 {
-                samples[next] = SurfaceSample {
-                    normal: [normal[0], normal[1], normal[2]],
-                    opacity: columns.opacity(first + lane),
-                    id: range.id(first + lane),
-                };
-                next += 1;
-            }
+        let Drawn { visible, exact: _, forms: [points, _, exacts], slope, edges: [left, top, right, bottom] } =
+            drawn;
+        let (amplitude, color) = self.bounded(simd, (looks.amplitude, looks.color), drawn.forms);
+        let place = out.run.len;
+        let octet = &mut out.octets[place];
+        store(&mut octet.mean, footprints.mean);
+        octet.depth = placed.center[2].into();
+        octet.amplitude = amplitude.into();
+        store(&mut octet.conic_root, footprints.conic_root);
+        octet.sigma_z = footprints.sigma_z.into();
+        store(&mut octet.depth_slope, footprints.depth_slope);
+        store(&mut octet.amplitude_slope, slope);
+        store(&mut octet.normal, looks.normal);
+        octet.seen = visible as u8;
+        (octet.points, octet.exact) = ((points & visible) as u8, (exacts & visible) as u8);
+        let opacity = match &self.scalar.columns.opacities {
+            Some(opacities) => V::simd_from(simd, opacities.block(block)[0]),
+            None => splat(simd, 1.0),
+        };
+        let look = [color[0], color[1], color[2], opacity];
+        octet.first_look = look.each(
+            #[inline(always)]
+            |number| number.as_slice()[0],
+        );
+        let alike = [0, 1, 2, 3].each(
+            #[inline(always)]
+            |i| look[i].simd_eq(splat(simd, octet.first_look[i])),
+        );
+        octet.are_alike = (alike[0] & alike[1] & alike[2] & alike[3]).all_true();
+        if !octet.are_alike {
+            store(&mut octet.looks, look);
         }
+        let seen = M::from_bitmask(simd, visible.into());
+        let beyond = splat(simd, f32::from(u16::MAX));
+        let [left, top] = [left, top].each(
+            #[inline(always)]
+            |edge| seen.select(edge, beyond).reduce_min() as u16,
+        );
+        let [right, bottom] = [right, bottom].each(
+            #[inline(always)]
+            |edge| seen.select(edge, splat(simd, 0.0)).reduce_max() as u16,
+        );
+        out.rects[place] = Rect { min: [left, top], max: [right, bottom] };
+    }
+}
+
+#[inline(always)]
+fn store<S: Simd, const N: usize>(columns: &mut [Lanes; N], numbers: [V<S>; N]) {
+    for (column, numbers) in columns.iter_mut().zip(numbers) {
+        *column = numbers.into();
     }
 }
 
@@ -244,20 +295,4 @@ fn set_corners(rect: &mut Rect, min: i32, max: i32) {
     rect.min[1] = (min >> 16) as u16;
     rect.max[0] = max as u16;
     rect.max[1] = (max >> 16) as u16;
-}
-
-/// Four numbers of each of eight splats, splat by splat.
-#[inline(always)]
-fn rows<S: Simd>(_: S, columns: [V<S>; 4]) -> [[f32; 4]; LANES] {
-    let [a, b, c, d] = columns;
-    let (ac, bd) = ([a.zip_low(c), a.zip_high(c)], [b.zip_low(d), b.zip_high(d)]);
-    let pairs = [ac[0].zip_low(bd[0]), ac[0].zip_high(bd[0]), ac[1].zip_low(bd[1]), ac[1].zip_high(bd[1])];
-    let [p, q, r, s] = pairs.each(
-        #[inline(always)]
-        |pair| pair.split(),
-    );
-    [p.0, p.1, q.0, q.1, r.0, r.1, s.0, s.1].each(
-        #[inline(always)]
-        |row| row.into(),
-    )
 }

@@ -1,13 +1,16 @@
-//! Surface records of a tile, many at once: which blocks meet them, and between what depths their samples lie.
+//! Surfels of a tile, many at once: which blocks meet them, and between what depths their samples lie.
 
+use super::sides::Room;
 use super::{SURFEL_REACH, Slant, Surfaces, Surfel, SurfelLens};
-use crate::footprint::SurfaceSample;
+use crate::columns::LANES;
 use crate::raster::offsets::HALF_LOG2_E;
-use crate::raster::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
+use crate::raster::outline::{BATCH, BlockMasks, Column, put, sixteen, sixteen_of};
 use crate::simd::*;
 use crate::tile::Tile;
+use std::sync::atomic::AtomicU32;
+use std::sync::atomic::Ordering::Relaxed;
 
-/// Surface records of a tile, as many as go together, and what follows from them.
+/// Surfels of a tile, as many as go together, and what follows from them.
 ///
 /// A tile has many of these, and writes all of them before it reads any: what isn't here needn't go through the cache.
 #[repr(C, align(64))]
@@ -27,7 +30,7 @@ pub(crate) struct Surfels {
     each: [Surfel; BATCH],
     /// Of those that aren't plain.
     looks: [Look; BATCH],
-    /// Their records.
+    /// Their numbers among all.
     indices: [u32; BATCH],
     /// Those that each block needs.
     pub(crate) masks: BlockMasks,
@@ -69,71 +72,60 @@ impl Surfels {
         masks: BlockMasks::NONE,
     };
 
-    /// Takes in up to [`BATCH`] records of a tile with a usual colour, by their numbers. The outlines are room for what only this needs.
+    /// Takes in what a tile with a usual colour needs of octets, by their numbers, until there may be no room for another; gives how many
+    /// octets that are.
     #[inline(always)]
     pub(crate) fn fill<S: Simd>(
         &mut self,
         simd: S,
         (tile, usual, lens): (Tile, [f32; 3], &SurfelLens),
-        (numbers, surfaces): (impl Iterator<Item = u32> + Clone, Surfaces),
-        outlines: &mut Outlines,
-    ) {
-        outlines.begin(numbers.clone().map(
-            #[inline(always)]
-            |index| &surfaces.records[index as usize],
-        ));
-        // As records, samples are not in the cache.
-        let mut samples = [SurfaceSample::default(); BATCH];
-        for (sample, index) in samples.iter_mut().zip(numbers.clone()) {
-            *sample = surfaces.samples[index as usize];
+        (numbers, surfaces): (&[AtomicU32], Surfaces),
+        Room { outlines, sides }: &mut Room,
+    ) -> usize {
+        let (mut count, mut taken) = (0, 0);
+        for number in numbers {
+            if count + LANES > BATCH {
+                break;
+            }
+            let number = number.load(Relaxed);
+            let octet = &surfaces.octets[number as usize];
+            let some = lens.touching(simd, tile, octet);
+            let place = (count, some);
+            outlines.put(simd, place, octet);
+            sides.put(simd, place, (number, octet), usual);
+            for (tilt, slope) in self.tilt.iter_mut().zip(octet.amplitude_slope) {
+                put(simd, tilt, place, V::simd_from(simd, slope));
+            }
+            count += some.to_bitmask().count_ones() as usize;
+            taken += 1;
         }
+        outlines.begin_with(count, sides.exact(count));
         outlines.end = [lens.cutoff * HALF_LOG2_E; BATCH];
-        let mut facing = [1.0; BATCH];
-        for (number, (index, sample)) in numbers.zip(&samples).enumerate() {
-            let record = &surfaces.records[index as usize];
-            outlines.set(number, record);
-            facing[number] = record.amplitude;
-            for (tilt, slope) in self.tilt.iter_mut().zip(record.amplitude_slope_or_slabs) {
-                tilt[number] = slope;
-            }
-            self.indices[number] = index;
-            self.each[number] = Surfel::new(tile, record, sample);
-            let clear = 1.0 - sample.opacity;
-            if clear > 0.0 || record.color != usual {
-                self.each[number].is_plain = false;
-                self.looks[number] = Look { tint: [0, 1, 2].map(|i| record.color[i] - usual[i]), clear };
-            }
-        }
         outlines.prepare(simd, tile);
         (self.mean, self.depth, self.depth_slope) = (outlines.mean, outlines.depth, outlines.depth_slope);
         (self.sigma_z, self.exact) = (outlines.sigma_z, outlines.exact);
-        let mut exact = self.exact;
-        while exact != 0 {
-            let number = exact.trailing_zeros() as usize % BATCH;
-            self.each[number].plane = outlines.plane(number);
-            exact &= exact - 1;
-        }
+        self.indices = sides.numbers();
         let half = (tile.side - 1) as f32 / 2.0;
         let (zero, infinity) = (W::simd_from(simd, 0.0), W::simd_from(simd, f32::INFINITY));
         for first in outlines.sixteens() {
-            let per_facing = W::simd_from(simd, 1.0) / sixteen(simd, &facing, first);
+            let per_facing = W::simd_from(simd, 1.0) / sixteen(simd, &sides.facing, first);
             let per_facing = per_facing.abs().simd_lt(infinity).select(per_facing, zero);
             for column in &mut self.tilt {
                 let tilt = sixteen(simd, column, first) * per_facing;
                 tilt.store_slice(&mut column[first..first + 16]);
             }
-            let reach: [f32; 16] = self.least_reach(simd, first, half, lens).into();
-            for (surfel, reach) in self.each[first..first + 16].iter_mut().zip(reach) {
-                surfel.least_reach = reach;
-            }
-        }
-        let rect = |number: usize| &surfaces.rects[self.indices[number] as usize];
-        self.masks = outlines.blocks(simd, tile, u64::MAX, rect);
-        for first in outlines.sixteens() {
+            let reach = self.least_reach(simd, first, half, lens);
+            reach.store_slice(&mut sides.least_reach[first..first + 16]);
             let [begin, _] = self.bounds(simd, first, ([half; 2], half), lens);
             let used = mask32x16::from_bitmask(simd, outlines.all() >> first);
             self.nearest[first / 16] = used.select(begin, infinity).reduce_min();
         }
+        let rect = |number: usize| &surfaces.rects[self.indices[number] as usize / LANES];
+        self.masks = outlines.blocks(simd, tile, u64::MAX, rect);
+        for first in (0..count).step_by(LANES) {
+            sides.set(simd, (first, outlines), &mut self.each, &mut self.looks);
+        }
+        taken
     }
 
     /// How far before where they are seen in the tile the spans of sixteen surfels begin at least, less half a thousandth, which is more
@@ -179,7 +171,7 @@ impl Surfels {
         &self.looks[number % BATCH]
     }
 
-    /// The number of its record.
+    /// Its number among all.
     #[inline(always)]
     pub(crate) fn index(&self, number: usize) -> u32 {
         self.indices[number % BATCH]
@@ -326,7 +318,7 @@ fn inverse<S: Simd>(simd: S, [low, high]: [W<S>; 2]) -> [W<S>; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::footprint::{Form, Record, Rect, Tag};
+    use crate::footprint::{Form, Octet, Record, Rect, SurfaceSample, Tag};
     use crate::simd::{Level, dispatch};
     use proptest::prelude::*;
 
@@ -358,13 +350,12 @@ mod tests {
             let lens = SurfelLens { near: 0.1, cutoff: 12.25, is_perspective, farthest_offset: 0.5 };
             let tile = Tile::new([0, 0], 8, [8, 8]);
             let rects = [Rect { min: [0; 2], max: [8; 2] }];
-            let (records, samples) = ([record], [SurfaceSample::default()]);
-            let surfaces = Surfaces { records: &records, rects: &rects, samples: &samples, depth_tolerances: &[0.0] };
+            let octets = [Octet::of_one(record, SurfaceSample::default())];
+            let surfaces = Surfaces { octets: &octets, rects: &rects, depth_tolerances: &[0.0] };
             for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
                 let [depth, nearest, reach]: [[f32; 16]; 3] = dispatch!(level, simd => {
                     let mut surfels = Surfels::NONE;
-                    let mut outlines = Outlines::NONE;
-                    surfels.fill(simd, (tile, [0.0; 3], &lens), ([0].into_iter(), surfaces), &mut outlines);
+                    surfels.fill(simd, (tile, [0.0; 3], &lens), (&[AtomicU32::new(0)], surfaces), &mut Room::default());
                     let surfel = surfels.get(0);
                     let pixels = crate::tile::pixels(simd, [0.0; 2]);
                     let sample = surfel.sample(simd, pixels, &lens);
