@@ -1,7 +1,7 @@
 //! From a depth image to its picture from elsewhere: a room of 640×480 pixels.
 //!
 //! `cargo bench --bench warp` on two threads. `whole` is surfels and picture, as for a video; what is kept from one image to the
-//! next are the renderer's buffers. Then both by themselves, the stages of drawing (of those that tiles go through the share of one
+//! next is memory: the renderer's and the cloud's. `anew` is the same with another cloud for each image. Then both by themselves, the stages of drawing (of those that tiles go through the share of one
 //! thread), and in the same run what others do with depth images, each on one thread.
 
 #[path = "../src/stats.rs"]
@@ -11,7 +11,9 @@ mod stats;
 use criterion::{Criterion, criterion_group, criterion_main};
 use oblate::chart::baselines::{mcmillan, nearest, softmax, supersampled, triangles};
 use oblate::engine::{Blend, Camera, Channels, RenderSettings, Renderer, Scene, Stage};
-use oblate::surfels::{DEPTH_LOW_PASS, DepthError, DepthSettings, RgbdImage, Room, depth_surfels};
+use oblate::surfels::{
+    DEPTH_LOW_PASS, DepthError, DepthSettings, RgbdImage, Room, depth_surfels, renew_depth_surfels,
+};
 use rayon::ThreadPoolBuilder;
 use stats::{FrameTimes, StageClock};
 use std::hint::black_box;
@@ -53,8 +55,18 @@ fn warp(criterion: &mut Criterion) {
     group.bench_function("picture", |bencher| {
         bencher.iter(|| pool.install(|| draw(&mut renderer, &made, &view)));
     });
-    group.bench_function("whole", |bencher| {
+    group.bench_function("anew", |bencher| {
         bencher.iter(|| pool.install(|| draw(&mut renderer, &scene(&image), &view)));
+    });
+    group.bench_function("whole", |bencher| {
+        let mut kept = made.clone();
+        bencher.iter(|| {
+            pool.install(|| {
+                renew_depth_surfels(&mut kept.clouds[0], &image, &DepthSettings::default())
+                    .expect("the room has depths");
+                draw(&mut renderer, &kept, &view)
+            })
+        });
     });
     for stage in [Stage::Cull, Stage::Footprint, Stage::Order, Stage::Bin, Stage::Layers, Stage::Resolve] {
         group.bench_function(stage.name(), |bencher| {

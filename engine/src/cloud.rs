@@ -194,6 +194,13 @@ pub enum CloudError {
     Count(usize),
 }
 
+impl Default for Cloud {
+    /// Nothing.
+    fn default() -> Self {
+        Self::of_columns(Columns::default())
+    }
+}
+
 impl Cloud {
     /// Checks the arrays and makes them a cloud whose space is the world.
     ///
@@ -283,6 +290,12 @@ impl Cloud {
     /// How the splats answer light.
     pub fn material(&self) -> Material {
         self.columns().material
+    }
+
+    /// The numbers of its splats, or nothing where clones share them.
+    pub(crate) fn into_columns(self) -> Columns {
+        let levels = Arc::try_unwrap(self.levels).unwrap_or_default();
+        levels.into_iter().next().map_or_else(Columns::default, |level| level.columns)
     }
 
     pub(crate) fn columns(&self) -> &Columns {

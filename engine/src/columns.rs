@@ -23,7 +23,7 @@ pub(crate) type Lanes = [f32; LANES];
 
 /// `N` numbers of each splat; splat i is lane i % [`LANES`] of block i / [`LANES`]. The last block is filled up
 /// with its last splat. Where all splats are alike there is one block, which stands for all.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Column<const N: usize>(Vec<[Lanes; N]>);
 
 impl<const N: usize> Column<N> {
@@ -57,6 +57,11 @@ impl<const N: usize> Column<N> {
             }
         }
         Self(blocks)
+    }
+
+    /// Its blocks: one, perhaps, that stands for all.
+    pub(crate) fn into_blocks(self) -> Vec<[Lanes; N]> {
+        self.0
     }
 
     /// Puts the splats of each run of `run`, a multiple of [`LANES`], in another order: splat i of a run becomes what its splat
@@ -159,6 +164,24 @@ pub(crate) struct Columns {
     pub(crate) harmonics: Option<PackedHarmonics>,
     pub(crate) normals: Option<Column<3>>,
     pub(crate) material: Material,
+}
+
+impl Default for Columns {
+    /// Nothing.
+    fn default() -> Self {
+        Self {
+            len: 0,
+            centers: Column::default(),
+            factors: Factors::Shared(Mat3::ZERO),
+            kind: Kind::Extinction,
+            strengths: Repeated::default(),
+            opacities: None,
+            colors: Repeated::default(),
+            harmonics: None,
+            normals: None,
+            material: Material::default(),
+        }
+    }
 }
 
 impl Columns {

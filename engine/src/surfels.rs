@@ -52,30 +52,39 @@ impl Cloud {
         look: &SurfelLook,
         surfels: impl Fn(Range<usize>) -> I + Sync,
     ) -> Result<Self, CloudError> {
+        let mut cloud = Self::default();
+        cloud.renew(count, look, surfels)?;
+        Ok(cloud)
+    }
+
+    /// Becomes what [`Cloud::of_surfels`] gives, in the memory that it has if no clone shares it: for surfaces that change from one
+    /// picture to the next. Most of the time that a cloud takes to be made its memory takes to be got.
+    ///
+    /// # Errors
+    /// Those of [`Cloud::of_surfels`]. Then it is empty.
+    pub fn renew<I: Iterator<Item = Surfel>>(
+        &mut self,
+        count: usize,
+        look: &SurfelLook,
+        surfels: impl Fn(Range<usize>) -> I + Sync,
+    ) -> Result<(), CloudError> {
+        let old = std::mem::take(self);
         check_names(count)?;
         look.check()?;
-        let blocks = count.div_ceil(LANES);
-        // They come as zeros, which systems give for nothing: each place is touched once, by the thread that fills it.
-        let mut rows = Rows {
-            centers: vec![[[0.0; LANES]; 3]; blocks],
-            flat: vec![[[0.0; LANES]; 6]; blocks],
-            through: vec![[[0.0; LANES]; 3]; blocks],
-            areas: vec![[[0.0; LANES]; 1]; blocks],
-            colors: vec![[[0.0; LANES]; 3]; if look.color.is_none() { blocks } else { 0 }],
-        };
+        let mut rows = Rows::in_memory_of(old.into_columns(), count.div_ceil(LANES), look.color.is_none());
         let fill = |(task, mut rows): (usize, RowsMut)| {
             let numbers = task * TOGETHER..count.min((task + 1) * TOGETHER);
             rows.fill(surfels(numbers.clone()).take(numbers.len()), numbers)
         };
-        let filled: Vec<Result<bool, CloudError>> = rows.tasks().enumerate().map(fill).collect();
-        let are_flat = filled.into_iter().try_fold(true, |all, task| Ok(all & task?))?;
-        let Rows { centers, flat, through, areas, colors } = rows;
-        let through = if are_flat { Column::alike(count, [0.0; 3]) } else { Column::of_blocks(through) };
+        let filled: Vec<Result<Option<Vec<[Lanes; 3]>>, CloudError>> =
+            rows.tasks().enumerate().map(fill).collect();
+        let through = filled.into_iter().collect::<Result<Vec<_>, _>>()?;
+        let Rows { centers, flat, areas, colors } = rows;
         let SurfelLook { color, opacity, depth_tolerance, coverage_floor, ref closed, material } = *look;
-        Ok(Self::of_columns(Columns {
+        *self = Self::of_columns(Columns {
             len: count,
+            factors: Factors::Each { flat: Column::of_blocks(flat), through: joined(through, centers.len()) },
             centers: Column::of_blocks(centers),
-            factors: Factors::Each { flat: Column::of_blocks(flat), through },
             kind: Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, closed: closed.clone() }),
             strengths: Repeated::Each(Column::of_blocks(areas)),
             opacities: (opacity < 1.0).then(|| Column::alike(count, [opacity])),
@@ -85,8 +94,24 @@ impl Cloud {
             harmonics: None,
             normals: None,
             material,
-        }))
+        });
+        Ok(())
     }
+}
+
+/// The third columns of factors from those of each task, which has none where all are flat.
+fn joined(tasks: Vec<Option<Vec<[Lanes; 3]>>>, blocks: usize) -> Column<3> {
+    let flat = [[0.0; LANES]; 3];
+    if tasks.iter().all(Option::is_none) {
+        return Column::alike(blocks, [0.0; 3]);
+    }
+    let mut all = Vec::with_capacity(blocks);
+    for (task, own) in tasks.into_iter().enumerate() {
+        let end = blocks.min((task + 1) * BLOCKS_A_TASK);
+        all.extend(own.unwrap_or_default());
+        all.resize(end, flat);
+    }
+    Column::of_blocks(all)
 }
 
 impl SurfelLook {
@@ -137,7 +162,6 @@ impl Surfel {
 struct Rows {
     centers: Vec<[Lanes; 3]>,
     flat: Vec<[Lanes; 6]>,
-    through: Vec<[Lanes; 3]>,
     areas: Vec<[Lanes; 1]>,
     /// Empty where all have one.
     colors: Vec<[Lanes; 3]>,
@@ -147,43 +171,65 @@ struct Rows {
 struct RowsMut<'a> {
     centers: &'a mut [[Lanes; 3]],
     flat: &'a mut [[Lanes; 6]],
-    through: &'a mut [[Lanes; 3]],
     areas: &'a mut [[Lanes; 1]],
     colors: &'a mut [[Lanes; 3]],
 }
 
 impl Rows {
+    /// Room for blocks of surfels, old numbers in it.
+    fn in_memory_of(columns: Columns, blocks: usize, has_colors: bool) -> Self {
+        let Columns { centers, factors, strengths, colors, .. } = columns;
+        let flat = match factors {
+            Factors::Each { flat, .. } => flat,
+            Factors::Shared(_) => Column::default(),
+        };
+        let has = |has_any: bool| if has_any { blocks } else { 0 };
+        Self {
+            centers: room(centers, blocks),
+            flat: room(flat, blocks),
+            areas: room(strengths.into_each(), blocks),
+            colors: room(colors.into_each(), has(has_colors)),
+        }
+    }
+
     fn tasks(&mut self) -> impl IndexedParallelIterator<Item = RowsMut<'_>> {
-        let Self { centers, flat, through, areas, colors } = self;
+        let Self { centers, flat, areas, colors } = self;
         let tasks = centers.len().div_ceil(BLOCKS_A_TASK);
         let mut colors: Vec<&mut [[Lanes; 3]]> = colors.chunks_mut(BLOCKS_A_TASK).collect();
         colors.resize_with(tasks, Default::default);
-        let shapes = flat.par_chunks_mut(BLOCKS_A_TASK).zip(through.par_chunks_mut(BLOCKS_A_TASK));
         let places = centers.par_chunks_mut(BLOCKS_A_TASK).zip(areas.par_chunks_mut(BLOCKS_A_TASK));
-        places.zip(shapes).zip(colors).map(|(((centers, areas), (flat, through)), colors)| RowsMut {
-            centers,
-            flat,
-            through,
-            areas,
-            colors,
-        })
+        places
+            .zip(flat.par_chunks_mut(BLOCKS_A_TASK))
+            .zip(colors)
+            .map(|(((centers, areas), flat), colors)| RowsMut { centers, flat, areas, colors })
     }
 }
 
+/// As many blocks, in the memory of a column if there is enough. Else they come as zeros, which systems give for nothing: each place is
+/// touched once, by the thread that fills it.
+fn room<const N: usize>(column: Column<N>, blocks: usize) -> Vec<[Lanes; N]> {
+    let mut room = column.into_blocks();
+    if room.capacity() < blocks {
+        return vec![[[0.0; LANES]; N]; blocks];
+    }
+    room.resize(blocks, [[0.0; LANES]; N]);
+    room
+}
+
 impl RowsMut<'_> {
-    /// Puts surfels in their places; says whether all are flat.
+    /// Puts surfels in their places; gives the third columns of their factors unless all are flat.
     fn fill(
         &mut self,
         surfels: impl Iterator<Item = Surfel>,
         numbers: Range<usize>,
-    ) -> Result<bool, CloudError> {
-        let (mut found, mut are_flat, mut last) = (0, true, Surfel::default());
+    ) -> Result<Option<Vec<[Lanes; 3]>>, CloudError> {
+        let (mut found, mut through, mut last) = (0, None, Surfel::default());
         let mut first_wrong = Ok(());
         surfels.for_each(|surfel| {
             if !surfel.is_right() && first_wrong.is_ok() {
                 first_wrong = surfel.check(numbers.start + found);
             }
-            are_flat &= self.put(found, &surfel);
+            self.put(found, &surfel, &mut through);
             found += 1;
             last = surfel;
         });
@@ -193,29 +239,25 @@ impl RowsMut<'_> {
             return Err(CloudError::Length { array: "surfels", found, expected });
         }
         // The last block is filled up with its last splat.
-        (found..found.next_multiple_of(LANES)).for_each(|place| {
-            self.put(place, &last);
-        });
-        Ok(are_flat)
+        (found..found.next_multiple_of(LANES)).for_each(|place| self.put(place, &last, &mut through));
+        Ok(through)
     }
 
-    /// Says whether it is flat.
     #[inline(always)]
-    fn put(&mut self, place: usize, surfel: &Surfel) -> bool {
+    fn put(&mut self, place: usize, surfel: &Surfel, through: &mut Option<Vec<[Lanes; 3]>>) {
         let (block, lane) = (place / LANES, place % LANES);
         let Surfel { center, factor, area, color } = surfel;
-        let [a, b, c, d, e, f, through @ ..] = factor.to_cols_array();
+        let [a, b, c, d, e, f, third @ ..] = factor.to_cols_array();
         set(&mut self.centers[block], lane, center.to_array());
         set(&mut self.areas[block], lane, [*area]);
         set(&mut self.flat[block], lane, [a, b, c, d, e, f]);
         if !self.colors.is_empty() {
             set(&mut self.colors[block], lane, *color);
         }
-        let is_flat = through == [0.0; 3];
-        if !is_flat {
-            set(&mut self.through[block], lane, through);
+        if third != [0.0; 3] {
+            let through = through.get_or_insert_with(|| vec![[[0.0; LANES]; 3]; self.centers.len()]);
+            set(&mut through[block], lane, third);
         }
-        is_flat
     }
 }
 
@@ -230,6 +272,7 @@ fn set<const N: usize>(rows: &mut [Lanes; N], lane: usize, numbers: [f32; N]) {
 mod tests {
     use super::*;
     use crate::cloud::{Shapes, Splats, Strength, Surface};
+    use glam::{DAffine3, DVec3};
 
     const LOOK: SurfelLook = SurfelLook {
         color: Some([0.5, 0.25, 1.0]),
@@ -278,6 +321,38 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_renewed_cloud_is_a_new_one() {
+        let mut cloud = Cloud::default();
+        for is_shared in [false, true] {
+            for (count, thickness, color) in [
+                (3 * TOGETHER + 1, 0.0, None),
+                (2 * TOGETHER + 3, 0.25, LOOK.color),
+                (TOGETHER, 0.0, LOOK.color),
+                (9, 0.5, None),
+                (TOGETHER + 9, 0.0, None),
+            ] {
+                let clone = is_shared.then(|| (cloud.clone(), cloud.splats()));
+                let look = SurfelLook { color, ..LOOK };
+                cloud = cloud.transformed(DAffine3::from_scale(DVec3::splat(2.0)));
+                cloud.renew(count, &look, |range| range.map(|i| surfel(i, thickness))).unwrap();
+                assert_eq!(cloud, Cloud::new(arrays(count, thickness, &look)).unwrap(), "{count}");
+                assert!(clone.is_none_or(|(clone, before)| clone.splats() == before), "{count}");
+            }
+        }
+        let short = |range: Range<usize>| range.skip(1).map(|i| surfel(i, 0.0));
+        assert!(cloud.renew(TOGETHER, &LOOK, short).is_err());
+        assert!(cloud.is_empty());
+    }
+
+    #[test]
+    fn only_parts_that_are_not_flat_have_third_columns() {
+        let count = 3 * TOGETHER + 3;
+        let mixed = |index: usize| surfel(index, if index / TOGETHER == 1 { 0.5 } else { 0.0 });
+        let cloud = Cloud::of_surfels(count, &LOOK, |range| range.map(mixed)).unwrap();
+        (0..count).for_each(|index| assert_eq!(cloud.factor(index), mixed(index).factor, "{index}"));
     }
 
     #[test]

@@ -39,7 +39,7 @@ mod view;
 
 pub use depth_image::{
     DEPTH_LOW_PASS, DepthError, DepthKind, DepthSettings, Hit, RgbdImage, Room, depth_surfels,
-    fill_disocclusions, merged_depth_surfels,
+    fill_disocclusions, merged_depth_surfels, renew_depth_surfels,
 };
 pub use error::SampleError;
 pub use flat::{Deviation, MergeError, Merged, merge_flat};

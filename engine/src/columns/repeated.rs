@@ -25,7 +25,21 @@ const WORTH_A_TABLE: usize = 16 * MOST;
 /// Rows by their [`bits`], and the number of each.
 type Table = HashMap<u128, u8, FixedState>;
 
+impl<const N: usize> Default for Repeated<N> {
+    fn default() -> Self {
+        Self::Each(Column::default())
+    }
+}
+
 impl<const N: usize> Repeated<N> {
+    /// The column, if there is one.
+    pub(crate) fn into_each(self) -> Column<N> {
+        match self {
+            Self::Each(column) => column,
+            Self::Few { .. } => Column::default(),
+        }
+    }
+
     /// As [`Column::new`].
     pub(crate) fn new<T: Sync>(values: Vec<T>, row: impl Fn(&T) -> [f32; N] + Sync) -> Self {
         let Some(table) = table(&values, |value| bits(row(value))) else {

@@ -55,7 +55,22 @@ impl Default for DepthSettings {
 /// # Errors
 /// When the image is none, no depth is known, or the surfels leave the range of single precision.
 pub fn depth_surfels(image: &RgbdImage, settings: &DepthSettings) -> Result<Cloud, DepthError> {
-    Maker::new(image)?.cloud(settings, |_, _| 1.0)
+    let mut cloud = Cloud::default();
+    renew_depth_surfels(&mut cloud, image, settings)?;
+    Ok(cloud)
+}
+
+/// Makes a cloud the surface that [`depth_surfels`] gives, in the memory that the cloud has ([`Cloud::renew`]): for images that come one
+/// after the other, as from a depth camera.
+///
+/// # Errors
+/// Those of [`depth_surfels`]. Then the cloud is empty or as it was.
+pub fn renew_depth_surfels(
+    cloud: &mut Cloud,
+    image: &RgbdImage,
+    settings: &DepthSettings,
+) -> Result<(), DepthError> {
+    Maker::new(image)?.renew(cloud, settings, |_, _| 1.0)
 }
 
 /// An image whose surfaces are known.
@@ -99,6 +114,18 @@ impl<'a> Maker<'a> {
         settings: &DepthSettings,
         share: impl Fn(usize, &Surfel) -> f32 + Sync,
     ) -> Result<Cloud, DepthError> {
+        let mut cloud = Cloud::default();
+        self.renew(&mut cloud, settings, share)?;
+        Ok(cloud)
+    }
+
+    /// The same in the memory of a cloud.
+    fn renew(
+        &self,
+        cloud: &mut Cloud,
+        settings: &DepthSettings,
+        share: impl Fn(usize, &Surfel) -> f32 + Sync,
+    ) -> Result<(), DepthError> {
         let depths = &self.depths;
         let pixels = (0..depths.len() as u32).into_par_iter().with_min_len(self.image.size[0]);
         let known: Vec<u32> = pixels.filter(|at| depths[*at as usize] > 0.0).collect();
@@ -118,7 +145,7 @@ impl<'a> Maker<'a> {
             closed: Closed::EVERYWHERE,
             material: settings.material,
         };
-        let cloud = Cloud::of_surfels(known.len(), &look, |numbers| {
+        cloud.renew(known.len(), &look, |numbers| {
             let mut surfels = self.surfels();
             let share = &share;
             known[numbers].iter().map(move |at| {
@@ -126,7 +153,8 @@ impl<'a> Maker<'a> {
                 Surfel { area: surfel.area * share(*at as usize, &surfel), ..surfel }
             })
         })?;
-        Ok(cloud.transformed(self.image.pose.world_to_camera.inverse()))
+        *cloud = std::mem::take(cloud).transformed(self.image.pose.world_to_camera.inverse());
+        Ok(())
     }
 
     pub(super) fn surfels(&self) -> Surfels<'_> {
