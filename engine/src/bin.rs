@@ -1,4 +1,4 @@
-//! Stage `bin`: records to a list for each tile, in the order they come in.
+//! Stage `bin`: records, or octets, to a list for each tile, in the order they come in.
 //!
 //! A counting sort: every thread counts, tile by tile, the records of its share of the order, then puts them behind
 //! those of the shares before. As in [`crate::order`], entries are stored each to a place of its own.
@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 /// Entries whose rectangles are fetched together, from all over.
 const FETCHED: usize = 64;
 
-/// Lists of record indices, one a tile, rows of tiles from top to bottom.
+/// Lists of numbers, one a tile, rows of tiles from top to bottom.
 #[derive(Default)]
 pub(crate) struct TileLists {
     /// Tiles in a row, and rows.
@@ -75,15 +75,15 @@ fn count_corners(counts: &mut [u32], columns: usize, touched: Touched) {
 }
 
 impl TileLists {
-    /// Lists the records with the indices in `order`; rectangles are not empty. `scratch` is at least as long as
-    /// `order`.
+    /// Lists what the numbers in `order` stand for, by its rectangle, which is not empty. `scratch` is at least as long as `order`.
     pub(crate) fn fill(
         &mut self,
         (size, side): ([u32; 2], usize),
         order: &[AtomicU32],
-        rects: &[Rect],
+        rect_of: impl Fn(u32) -> Rect + Sync,
         scratch: &[AtomicU64],
     ) {
+        let rect_of = &rect_of;
         let log_side = side.trailing_zeros();
         let tiles = size.map(|length| (length as usize).div_ceil(side));
         // Corners of rectangles may be one column and one row behind the last tiles.
@@ -97,8 +97,8 @@ impl TileLists {
             let (order, kept) = (&order[share_of(share)], &scratch[share_of(share)]);
             for (order, kept) in order.chunks(FETCHED).zip(kept.chunks(FETCHED)) {
                 for (entry, kept) in order.iter().zip(kept) {
-                    let rect = &rects[entry.load(Relaxed) as usize];
-                    kept.store(Touched::new(rect, log_side).0, Relaxed);
+                    let rect = rect_of(entry.load(Relaxed));
+                    kept.store(Touched::new(&rect, log_side).0, Relaxed);
                 }
                 for kept in kept {
                     count_corners(counts, columns, Touched(kept.load(Relaxed)));
@@ -166,7 +166,7 @@ mod tests {
             let scratch: Vec<AtomicU64> = order.iter().map(|_| AtomicU64::new(0)).collect();
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let mut lists = TileLists::default();
-            pool.install(|| lists.fill((size, side), &order, &rects, &scratch));
+            pool.install(|| lists.fill((size, side), &order, |index| rects[index as usize], &scratch));
             let [columns, rows] = lists.tiles;
             for tile in 0..columns * rows {
                 let low = [tile % columns * side, tile / columns * side];

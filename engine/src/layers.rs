@@ -16,6 +16,7 @@ mod sums;
 use crate::cloud::Cloud;
 use crate::columns::{Kind, LANES};
 use crate::cuts::{Cut, Cuts, MAX_LAYERS};
+use crate::footprint::Part;
 use crate::raster::{BATCH, Column, Room, Surfaces, SurfelLens, Surfels};
 use crate::simd::*;
 use crate::tile::{HALF_BLOCK, PIXELS, Tile, pixels};
@@ -142,8 +143,9 @@ impl LayerBuilder<'_> {
         // Differences from what is too bright would have few digits left.
         let is_within = |color: &[f32; 3]| color.iter().all(|c| (0.0..=1.0).contains(c));
         let color = |entry: &AtomicU32| {
-            let octet = &self.surfaces.octets[entry.load(Ordering::Relaxed) as usize];
-            let [color @ .., _] = octet.look(octet.seen.trailing_zeros() as usize);
+            let part = Part(entry.load(Ordering::Relaxed));
+            let octet = &self.surfaces.octets[part.place() as usize];
+            let [color @ .., _] = octet.look((octet.seen & part.lanes()).trailing_zeros() as usize);
             color
         };
         *usual = list.first().map(color).filter(is_within).unwrap_or([0.0; 3]);

@@ -33,7 +33,7 @@ impl Run {
         self.distances = [nearest.min(distances[0]), farthest.max(distances[1])];
     }
 
-    fn places(&self) -> std::ops::Range<usize> {
+    pub(crate) fn places(&self) -> std::ops::Range<usize> {
         self.start..self.start + self.len
     }
 }
@@ -72,13 +72,6 @@ impl Keys {
     pub(crate) fn key(self, distance: f32) -> u32 {
         (distance + self.offset).to_bits().saturating_sub(self.least) >> self.dropped
     }
-}
-
-/// Writes the places of runs behind each other, and gives them.
-pub(crate) fn gather<'a>(runs: &[Run], order: &'a [AtomicU32]) -> &'a [AtomicU32] {
-    let places = runs.iter().flat_map(Run::places);
-    let count = order.iter().zip(places).map(|(slot, place)| slot.store(place as u32, Relaxed)).count();
-    &order[..count]
 }
 
 /// A stable radix sort on all threads.

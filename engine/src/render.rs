@@ -11,14 +11,14 @@ use crate::closing::Closing;
 use crate::composite::{Compositor, lead};
 use crate::cull::{VisibleRange, find_affordable, touched_pixels};
 use crate::cuts::KeptCuts;
-use crate::footprint::{Lens, Records, SceneView};
+use crate::footprint::{Lens, Part, Records, SceneView};
 use crate::frame::{BAND, Channels, Clear, Frame, FrameRows};
 use crate::grow::grow;
 use crate::lattice::Lattice;
 use crate::layers::{LayerBuilder, depth_tolerances};
 use crate::observer::{Counts, Observer, Stage};
 use crate::occlusion::{Occlusion, Visible};
-use crate::order::{Keys, Sorter, gather};
+use crate::order::{Keys, Sorter};
 use crate::raster::{KernelLens, Surfaces, SurfelLens, reach_to_cuts};
 use crate::resolve::Resolver;
 use crate::scene::{Baseline, RenderSettings, Scene};
@@ -79,7 +79,7 @@ struct Drawn {
     records: Records,
     /// For each run of records its range's place among the visible ones.
     ranks: Vec<u32>,
-    /// Distances, of which sorting makes the order, where more records may come.
+    /// Parts of octets, or distances, of which sorting makes the order, where more records may come.
     order: Vec<AtomicU32>,
     lists: TileLists,
 }
@@ -279,10 +279,10 @@ impl Renderer {
         let near = camera.near() as f32;
         // A quarter of the tolerance: what is behind changes a channel by at most that share of its brightness.
         let spent = (settings.tolerance / 4.0) as f32;
-        let Records { octets, rects, .. } = &surfaces.records;
+        let Records { octets, own_rects, .. } = &surfaces.records;
         let drawer = TileDrawer {
             layers: LayerBuilder {
-                surfaces: Surfaces { octets, rects, depth_tolerances },
+                surfaces: Surfaces { octets, own_rects, depth_tolerances },
                 lens: SurfelLens::new(&lens, near, settings.outline as f32),
                 spent,
             },
@@ -390,9 +390,12 @@ impl Drawn {
         size: ([u32; 2], usize),
         scratch: &mut Vec<AtomicU64>,
     ) {
-        let Records { distances, runs, rects, .. } = &self.records;
-        grow(scratch, self.records.len(), AtomicU64::default);
-        watched(observer, Stage::Bin, || self.lists.fill(size, gather(runs, distances), rects, scratch));
+        let Self { records, order, lists, .. } = self;
+        watched(observer, Stage::Bin, || {
+            let count = records.list_parts(order);
+            grow(scratch, count, AtomicU64::default);
+            lists.fill(size, &order[..count], |part| records.rect_of(Part(part)), scratch);
+        });
     }
 
     /// Lists records by their distance, or by their first slab.
@@ -418,7 +421,9 @@ impl Drawn {
         };
         let keys = if closing.has_slabs() { Keys::OF_NUMBERS } else { Keys::of(runs) };
         let order = watched(observer, Stage::Order, || sorter.sort((runs, keys), distances, scratch));
-        watched(observer, Stage::Bin, || self.lists.fill(size, order, rects, scratch));
+        watched(observer, Stage::Bin, || {
+            self.lists.fill(size, order, |place| rects[place as usize], scratch)
+        });
     }
 }
 

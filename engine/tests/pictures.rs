@@ -157,6 +157,34 @@ fn a_closed_sphere_has_no_hole() {
 }
 
 #[test]
+fn surfels_make_one_picture_in_any_order() {
+    // Along a spiral each is far from the next, so that tiles list them one by one; along a curve through space they are listed by eights.
+    let mut apart = sphere(6000, 1.0, [1.0; 3]).splats();
+    apart.colors = apart.centers.iter().map(|center| (*center * 0.5 + 0.5).to_array()).collect();
+    let [apart, together] =
+        [apart.clone(), apart.in_morton_order()].map(|splats| Cloud::new(splats).unwrap());
+    let stretched = DAffine3::from_scale(DVec3::new(1.0, 0.6, 1.3));
+    for (transform, footprint) in [
+        (DAffine3::IDENTITY, FootprintForm::Auto),
+        (DAffine3::IDENTITY, FootprintForm::Exact),
+        (stretched, FootprintForm::Auto),
+    ] {
+        let settings = RenderSettings { footprint, ..unshaded() };
+        let camera = looking_from(DVec3::new(2.0, -1.0, 3.0), 160);
+        let [a, b] = [&apart, &together]
+            .map(|cloud| draw(vec![cloud.clone().transformed(transform)], &camera, &settings));
+        assert!(a.color.iter().filter(|pixel| pixel[3] > 0.99).count() > 3000);
+        // Sums of a few dozen numbers in two orders.
+        let near = |(a, b): (&f32, &f32)| (a - b).abs() <= 2e-5 || a == b;
+        for (place, (a, b)) in a.color.iter().zip(&b.color).enumerate() {
+            assert!(a.iter().zip(b).all(near), "{footprint:?}, pixel {place}: {a:?}, {b:?}");
+        }
+        let depths = a.depth.iter().zip(&b.depth);
+        assert!(depths.into_iter().all(near), "{footprint:?}");
+    }
+}
+
+#[test]
 fn a_crease_lets_nothing_through() {
     // Two faces that meet at a right angle, seen from between them: along the edge the coverage of each falls to
     // a half, and however the two fall into layers, the halves make a whole. (Seen from aside one face fades

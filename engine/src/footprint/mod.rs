@@ -8,7 +8,7 @@ mod scalar;
 mod wide;
 
 pub use ewa::{CameraSplat, Footprint, Hit, Lens};
-pub(crate) use octet::Octet;
+pub(crate) use octet::{Octet, Part};
 pub use record::{Form, Kind, Record, RecordHit, Rect, Tag};
 
 use crate::camera::Camera;
@@ -21,9 +21,10 @@ use crate::order::Run;
 use crate::scene::{RenderSettings, Scene};
 use crate::shade::Shader;
 use crate::simd::Level;
+use crate::tile::MAX_SIDE;
 use rayon::prelude::*;
 use scalar::{Projector, View};
-use std::sync::atomic::AtomicU32;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use wide::{Blocks, WideProjector};
 
 /// Mass outside r ≤ ρ is e^{−ρ/2} of the whole; what is kept is raised to carry it.
@@ -60,8 +61,11 @@ pub(crate) struct Records {
     pub(crate) records: Vec<Record>,
     /// Of surfaces.
     pub(crate) octets: Vec<Octet>,
+    /// Of octets those around all surfels, and [`Rect::NONE`] where these lie apart.
     pub(crate) rects: Vec<Rect>,
-    /// Bits of volumes' distances; the order takes these places.
+    /// Of each surfel.
+    pub(crate) own_rects: Vec<[Rect; LANES]>,
+    /// Bits of volumes' distances; sorting takes these places for the order.
     pub(crate) distances: Vec<AtomicU32>,
     /// The places taken.
     pub(crate) runs: Vec<Run>,
@@ -73,14 +77,28 @@ pub(crate) struct Records {
     used: usize,
 }
 
+/// Runs whose parts are listed one after the other, at least.
+const RUNS_TOGETHER: usize = 64;
+
 /// Ranges that are projected one after the other.
 const RANGES_TOGETHER: usize = 4;
+
+/// Surfels are listed each by itself where the rectangle around all touches so many times as many tiles as theirs together.
+const APART: f32 = 2.0;
+
+/// How many tiles a rectangle touches in the mean, as a measure.
+fn touched([width, height]: [f32; 2]) -> f32 {
+    const SIDE: f32 = MAX_SIDE as f32;
+    (width + SIDE) * (height + SIDE)
+}
 
 /// What became of the splats of a range.
 #[derive(Clone, Copy, Default)]
 struct Tally {
     forms: [u32; Form::ALL.len()],
     behind_cuts: u32,
+    /// Of octets.
+    parts: u32,
 }
 
 /// Where the records of one range go, at least [`LANES`] places more than there are, or its octets.
@@ -89,7 +107,9 @@ struct Places<'a> {
     records: &'a mut [Record],
     /// Empty for volumes.
     octets: &'a mut [Octet],
+    own_rects: &'a mut [[Rect; LANES]],
     rects: &'a mut [Rect],
+    /// Empty for surfaces.
     distances: &'a mut [AtomicU32],
     run: &'a mut Run,
     tally: &'a mut Tally,
@@ -100,12 +120,13 @@ struct Slots<'a> {
     start: usize,
     records: &'a mut [Record],
     octets: &'a mut [Octet],
+    own_rects: &'a mut [[Rect; LANES]],
     rects: &'a mut [Rect],
     distances: &'a mut [AtomicU32],
 }
 
 impl Slots<'_> {
-    /// Parts with the first places; of records and of octets with as many, if there are any.
+    /// Parts with the first places; of what only one kind has with as many, if there are any.
     fn split(&mut self, count: usize) -> Self {
         let start = self.start;
         self.start += count;
@@ -113,6 +134,7 @@ impl Slots<'_> {
             start,
             records: self.records.split_off_mut(..count).unwrap_or_default(),
             octets: self.octets.split_off_mut(..count).unwrap_or_default(),
+            own_rects: self.own_rects.split_off_mut(..count).unwrap_or_default(),
             rects: self.rects.split_off_mut(..count).unwrap_or_default(),
             distances: self.distances.split_off_mut(..count).unwrap_or_default(),
         }
@@ -145,20 +167,35 @@ impl Places<'_> {
         let octet = &mut self.octets[self.run.len];
         (octet.cloud, octet.ids) = (cloud.into(), ids);
         (octet.seen, octet.are_alike) = (0, false);
-        self.rects[self.run.len] = Rect::NONE;
     }
 
     /// Puts a surfel in that octet.
     fn put(&mut self, lane: usize, surfel: &Projected) {
         let place = self.run.len;
         self.octets[place].put(lane, surfel);
-        self.rects[place] = self.rects[place].around_both(&surfel.rect);
+        self.own_rects[place][lane] = surfel.rect;
         self.tally.forms[surfel.record.tag.form as usize] += 1;
+    }
+
+    /// Finds the rectangle around that octet.
+    fn bound(&mut self) {
+        let place = self.run.len;
+        let (octet, rects) = (&self.octets[place], &self.own_rects[place]);
+        let seen = rects.iter().enumerate().filter(|(lane, _)| octet.seen >> lane & 1 != 0);
+        let (around, sum) = seen.fold((Rect::NONE, 0.0), |(around, sum), (_, own)| {
+            let lengths = [0, 1].map(|axis| f32::from(own.max[axis] - own.min[axis]));
+            (around.around_both(own), sum + touched(lengths))
+        });
+        let lengths = [0, 1].map(|axis| f32::from(around.max[axis].saturating_sub(around.min[axis])));
+        self.rects[place] = if touched(lengths) > APART * sum { Rect::NONE } else { around };
     }
 
     /// Keeps that octet if any is seen.
     fn end_octet(&mut self) {
-        self.run.len += usize::from(self.octets[self.run.len].seen != 0);
+        let place = self.run.len;
+        let seen = self.octets[place].seen.count_ones();
+        self.tally.parts += if self.rects[place] == Rect::NONE { seen } else { seen.min(1) };
+        self.run.len += usize::from(seen > 0);
     }
 }
 
@@ -177,6 +214,35 @@ impl Records {
     pub(crate) fn count(&self, of_run: impl Fn(usize) -> bool) -> u64 {
         let own = self.tallies.iter().enumerate().filter(|(run, _)| of_run(*run));
         own.map(|(_, tally)| tally.forms.iter().map(|count| u64::from(*count)).sum::<u64>()).sum()
+    }
+
+    /// Writes the numbers of what is listed of octets behind each other, and says how many there are.
+    pub(crate) fn list_parts(&self, order: &mut Vec<AtomicU32>) -> usize {
+        let count = self.tallies.iter().map(|tally| tally.parts as usize).sum();
+        grow(order, count, AtomicU32::default);
+        let mut rest = &order[..];
+        let slots: Vec<&[AtomicU32]> = self
+            .tallies
+            .iter()
+            .map(|tally| rest.split_off(..tally.parts as usize).unwrap_or_default())
+            .collect();
+        self.runs.par_iter().zip(slots).with_min_len(RUNS_TOGETHER).for_each(|(run, slots)| {
+            let parts =
+                run.places().flat_map(|place| Part::of(place, &self.octets[place], &self.rects[place]));
+            slots.iter().zip(parts).for_each(|(slot, part)| slot.store(part.0, Relaxed));
+        });
+        count
+    }
+
+    /// The rectangle of a part.
+    #[inline(always)]
+    pub(crate) fn rect_of(&self, part: Part) -> Rect {
+        let (place, lanes) = (part.place() as usize, part.lanes());
+        if lanes == u8::MAX {
+            self.rects[place]
+        } else {
+            self.own_rects[place][lanes.trailing_zeros() as usize]
+        }
     }
 
     /// Puts runs in the order of their ranks.
@@ -224,20 +290,23 @@ impl Records {
         let (begin, start) = (self.runs.len(), self.used);
         self.used += self.blocks.chunks(RANGES_TOGETHER).map(places).sum::<usize>();
         if is_surface {
+            assert!(self.used <= Part::MOST_OCTETS, "more surfels are in the picture than can be numbered");
             grow(&mut self.octets, self.used, || Octet::NONE);
+            grow(&mut self.own_rects, self.used, || [Rect::NONE; LANES]);
         } else {
             grow(&mut self.records, self.used, || Record::BLANK);
+            grow(&mut self.distances, self.used, AtomicU32::default);
         }
         grow(&mut self.rects, self.used, Rect::default);
-        grow(&mut self.distances, self.used, AtomicU32::default);
         self.runs.resize(begin + chosen.len(), Run::new(0));
         self.tallies.resize(begin + chosen.len(), Tally::default());
         let mut rest = Slots {
             start,
             records: self.records.get_mut(start..).unwrap_or_default(),
             octets: self.octets.get_mut(start..).unwrap_or_default(),
+            own_rects: self.own_rects.get_mut(start..).unwrap_or_default(),
             rects: &mut self.rects[start..],
-            distances: &mut self.distances[start..],
+            distances: self.distances.get_mut(start..).unwrap_or_default(),
         };
         let together = self.blocks.chunks(RANGES_TOGETHER);
         let slots: Vec<Slots> = together.map(|blocks| rest.split(places(blocks))).collect();
@@ -249,10 +318,10 @@ impl Records {
                 for (((rank, blocks), run), tally) in ranks.iter().zip(blocks).zip(runs).zip(tallies) {
                     *run = Run::new(slots.start);
                     tally.behind_cuts = blocks.behind_cuts;
-                    let Slots { records, octets, rects, distances, .. } = &mut slots;
+                    let Slots { records, octets, own_rects, rects, distances, .. } = &mut slots;
                     let range = &ranges[*rank as usize];
                     let projector = view.projector(range);
-                    let mut places = Places { records, octets, rects, distances, run, tally };
+                    let mut places = Places { records, octets, own_rects, rects, distances, run, tally };
                     WideProjector::new(&projector).project(view.level, (range, blocks), &mut places);
                     slots.split(run.len);
                 }

@@ -1,7 +1,7 @@
 //! What layers keep of surfels: eight neighbours together, as they are projected and as tiles take them in.
 
 use super::Projected;
-use super::record::{Form, Record};
+use super::record::{Form, Record, Rect};
 use crate::columns::{LANES, Lanes};
 use std::mem::offset_of;
 
@@ -36,7 +36,45 @@ pub(crate) struct Octet {
     pub(crate) looks: [Lanes; 4],
 }
 
-const _: () = assert!(offset_of!(Octet, looks) == 8 * 64);
+const _: () = assert!(offset_of!(Octet, looks) == 8 * 64 && LANES == u8::BITS as usize);
+
+/// What tiles list of surfaces: all of an octet, or, where its surfels lie apart, one of these.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Part(pub(crate) u32);
+
+/// Parts that an octet may have.
+const PARTS: u32 = LANES as u32 + 1;
+
+impl Part {
+    /// Octets whose parts have numbers.
+    pub(crate) const MOST_OCTETS: usize = (u32::MAX / PARTS) as usize;
+
+    /// Those of the octet at a place that are to be listed, with a rectangle that is none if its surfels lie apart.
+    pub(crate) fn of(place: usize, octet: &Octet, rect: &Rect) -> impl Iterator<Item = Self> + use<> {
+        let first = place as u32 * PARTS;
+        let mut codes = if *rect == Rect::NONE { u32::from(octet.seen) << 1 } else { 1 };
+        std::iter::from_fn(move || {
+            let code = codes.trailing_zeros();
+            codes &= codes.wrapping_sub(1);
+            (code < PARTS).then(|| Self(first + code))
+        })
+    }
+
+    /// The place of the octet.
+    #[inline(always)]
+    pub(crate) fn place(self) -> u32 {
+        self.0 / PARTS
+    }
+
+    /// Which of its surfels may be seen, as bits.
+    #[inline(always)]
+    pub(crate) fn lanes(self) -> u8 {
+        match self.0 % PARTS {
+            0 => u8::MAX,
+            code => 1 << (code - 1),
+        }
+    }
+}
 
 impl Octet {
     /// None seen.
@@ -101,7 +139,7 @@ impl Octet {
     /// An octet of one surfel.
     pub(crate) fn of_one(record: Record, sample: super::SurfaceSample) -> Self {
         let mut octet = Self { cloud: record.tag.cloud.into(), ..Self::NONE };
-        octet.put(0, &Projected { record, rect: Default::default(), distance: 0.0, sample });
+        octet.put(0, &Projected { record, rect: Rect::NONE, distance: 0.0, sample });
         octet
     }
 
@@ -131,5 +169,23 @@ impl Octet {
         };
         let normal = self.normal.map(|column| column[lane]);
         Some((record, super::SurfaceSample { normal, opacity }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_are_those_of_an_octet() {
+        let octet = Octet { seen: 0b1010_0001, ..Octet::NONE };
+        let rect = Rect { min: [0; 2], max: [1; 2] };
+        for place in [0, 1, 7, 12_345, Part::MOST_OCTETS - 1] {
+            let parts = |rect: Rect| -> Vec<(usize, u8)> {
+                Part::of(place, &octet, &rect).map(|part| (part.place() as usize, part.lanes())).collect()
+            };
+            assert_eq!(parts(rect), [(place, u8::MAX)]);
+            assert_eq!(parts(Rect::NONE), [0, 5, 7].map(|lane| (place, 1 << lane)));
+        }
     }
 }

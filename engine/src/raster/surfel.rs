@@ -5,6 +5,7 @@ mod sides;
 
 use super::offsets::{Exact, HALF_LOG2_E, Offsets, Plane};
 use crate::camera::Projection;
+use crate::columns::LANES;
 use crate::footprint::{Lens, Octet, Rect};
 use crate::simd::*;
 
@@ -52,7 +53,7 @@ impl SurfelLens {
 #[derive(Clone, Copy)]
 pub(crate) struct Surfaces<'a> {
     pub(crate) octets: &'a [Octet],
-    pub(crate) rects: &'a [Rect],
+    pub(crate) own_rects: &'a [[Rect; LANES]],
     /// One a cloud.
     pub(crate) depth_tolerances: &'a [f32],
 }

@@ -148,7 +148,8 @@ impl<'a> Specification<'a> {
         let (cutoff, near) = (self.settings.outline, self.camera.near());
         let mut samples = Vec::new();
         for place in &self.surface_order {
-            let (octet, rect) = (&self.surfaces.octets[*place / LANES], &self.surfaces.rects[*place / LANES]);
+            let octet = &self.surfaces.octets[*place / LANES];
+            let rect = &self.surfaces.own_rects[*place / LANES][*place % LANES];
             let Some((record, sample)) = octet.get(*place % LANES).filter(|_| contains(rect, pixel)) else {
                 continue;
             };

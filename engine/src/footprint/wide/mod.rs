@@ -200,5 +200,6 @@ impl<'a> WideProjector<'a> {
                 out.put(lane, &surfel);
             }
         }
+        out.bound();
     }
 }

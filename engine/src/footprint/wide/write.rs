@@ -7,10 +7,11 @@ use super::hidden::Hiding;
 use super::looks::Looks;
 use crate::columns::{self, LANES, Lanes};
 use crate::cull::VisibleRange;
-use crate::footprint::Places;
 use crate::footprint::record::{Form, Kind, Record, Rect, Tag};
 use crate::footprint::scalar::{MOST_AMPLITUDE, MOST_SUMMED, OPAQUE_AMPLITUDE};
+use crate::footprint::{APART, Places, touched};
 use crate::simd::*;
+use crate::tile::MAX_SIDE;
 
 /// The least and the greatest distance so far, lane by lane.
 pub(super) type Ends<S> = [V<S>; 2];
@@ -74,7 +75,9 @@ impl WideProjector<'_> {
                     let drawn = Drawn { visible, exact, forms, slope: looks.slope, edges };
                     self.write_octet(simd, first / LANES, drawn, (placed, footprints, looks), out);
                 }
-                self.put_scalar((first, hard), out);
+                if hard != 0 {
+                    self.put_scalar((first, hard), out);
+                }
                 out.end_octet();
             }
             return;
@@ -177,11 +180,7 @@ impl WideProjector<'_> {
             rows(simd, [red, green, blue, splat(simd, 0.0)]),
         ];
         let tags = Form::ALL.map(|form| Tag { cloud: self.scalar.cloud_index, kind, form });
-        let [left, top, right, bottom] = edges.each(
-            #[inline(always)]
-            |edge| edge.to_int::<i32x8<S>>(),
-        );
-        let corners: [[i32; LANES]; 2] = [(left | top << 16).into(), (right | bottom << 16).into()];
+        let [min, max] = corners(edges);
         let distance: Lanes = distance.into();
         let start = out.run.len;
         let places = start..start + LANES;
@@ -199,7 +198,7 @@ impl WideProjector<'_> {
                 ),
             );
             records[place].tag = tags[((forms[1] >> lane & 1) | (forms[2] >> lane & 1) << 1) as usize];
-            set_corners(&mut rects[place], corners[0][lane], corners[1][lane]);
+            set_corners(&mut rects[place], min[lane], max[lane]);
             *distances[place].get_mut() = distance[lane].to_bits();
             next += (visible >> lane & 1) as usize;
         }
@@ -248,16 +247,25 @@ impl WideProjector<'_> {
             store(&mut octet.looks, look);
         }
         let seen = M::from_bitmask(simd, visible.into());
-        let beyond = splat(simd, f32::from(u16::MAX));
-        let [left, top] = [left, top].each(
+        let (zero, beyond) = (splat(simd, 0.0), splat(simd, f32::from(u16::MAX)));
+        let min = [left, top].each(
             #[inline(always)]
-            |edge| seen.select(edge, beyond).reduce_min() as u16,
+            |edge| seen.select(edge, beyond).reduce_min(),
         );
-        let [right, bottom] = [right, bottom].each(
+        let max = [right, bottom].each(
             #[inline(always)]
-            |edge| seen.select(edge, splat(simd, 0.0)).reduce_max() as u16,
+            |edge| seen.select(edge, zero).reduce_max(),
         );
-        out.rects[place] = Rect { min: [left, top], max: [right, bottom] };
+        let side = MAX_SIDE as f32;
+        let own = (right - left + side) * (bottom - top + side);
+        let sum = seen.select(own, zero).as_slice().iter().sum::<f32>();
+        let are_apart = touched([max[0] - min[0], max[1] - min[1]]) > APART * sum;
+        let around = Rect { min: min.map(|edge| edge as u16), max: max.map(|edge| edge as u16) };
+        out.rects[place] = if are_apart { Rect::NONE } else { around };
+        let [min, max] = corners([left, top, right, bottom]);
+        for (lane, rect) in out.own_rects[place].iter_mut().enumerate() {
+            set_corners(rect, min[lane], max[lane]);
+        }
     }
 }
 
@@ -288,7 +296,17 @@ fn set_numbers(record: &mut Record, [place, shape, slope, color]: [&[f32; 4]; 4]
     record.color[2] = color[2];
 }
 
-/// Corners of a column and a row in 16 bits each.
+/// First corners, and those behind the last pixels, of a column and a row in 16 bits each.
+#[inline(always)]
+fn corners<S: Simd>(edges: [V<S>; 4]) -> [[i32; LANES]; 2] {
+    let [left, top, right, bottom] = edges.each(
+        #[inline(always)]
+        |edge| edge.to_int::<i32x8<S>>(),
+    );
+    [(left | top << 16).into(), (right | bottom << 16).into()]
+}
+
+/// As [`corners`] gives them.
 #[inline(always)]
 fn set_corners(rect: &mut Rect, min: i32, max: i32) {
     rect.min[0] = min as u16;

@@ -3,6 +3,7 @@
 use super::sides::Room;
 use super::{SURFEL_REACH, Slant, Surfaces, Surfel, SurfelLens};
 use crate::columns::LANES;
+use crate::footprint::Part;
 use crate::raster::offsets::HALF_LOG2_E;
 use crate::raster::outline::{BATCH, BlockMasks, Column, put, sixteen, sixteen_of};
 use crate::simd::*;
@@ -72,27 +73,27 @@ impl Surfels {
         masks: BlockMasks::NONE,
     };
 
-    /// Takes in what a tile with a usual colour needs of octets, by their numbers, until there may be no room for another; gives how many
-    /// octets that are.
+    /// Takes in what a tile with a usual colour needs of the parts in its list, until there may be no room for another; gives how many
+    /// parts that are.
     #[inline(always)]
     pub(crate) fn fill<S: Simd>(
         &mut self,
         simd: S,
         (tile, usual, lens): (Tile, [f32; 3], &SurfelLens),
-        (numbers, surfaces): (&[AtomicU32], Surfaces),
+        (list, surfaces): (&[AtomicU32], Surfaces),
         Room { outlines, sides }: &mut Room,
     ) -> usize {
         let (mut count, mut taken) = (0, 0);
-        for number in numbers {
+        for entry in list {
             if count + LANES > BATCH {
                 break;
             }
-            let number = number.load(Relaxed);
-            let octet = &surfaces.octets[number as usize];
-            let some = lens.touching(simd, tile, octet);
+            let part = Part(entry.load(Relaxed));
+            let octet = &surfaces.octets[part.place() as usize];
+            let some = lens.touching(simd, tile, octet) & M::from_bitmask(simd, part.lanes().into());
             let place = (count, some);
             outlines.put(simd, place, octet);
-            sides.put(simd, place, (number, octet), usual);
+            sides.put(simd, place, (part.place(), octet), usual);
             for (tilt, slope) in self.tilt.iter_mut().zip(octet.amplitude_slope) {
                 put(simd, tilt, place, V::simd_from(simd, slope));
             }
@@ -120,7 +121,10 @@ impl Surfels {
             let used = mask32x16::from_bitmask(simd, outlines.all() >> first);
             self.nearest[first / 16] = used.select(begin, infinity).reduce_min();
         }
-        let rect = |number: usize| &surfaces.rects[self.indices[number] as usize / LANES];
+        let rect = |number: usize| {
+            let index = self.indices[number] as usize;
+            &surfaces.own_rects[index / LANES][index % LANES]
+        };
         self.masks = outlines.blocks(simd, tile, u64::MAX, rect);
         for first in (0..count).step_by(LANES) {
             sides.set(simd, (first, outlines), &mut self.each, &mut self.looks);
@@ -349,9 +353,9 @@ mod tests {
             };
             let lens = SurfelLens { near: 0.1, cutoff: 12.25, is_perspective, farthest_offset: 0.5 };
             let tile = Tile::new([0, 0], 8, [8, 8]);
-            let rects = [Rect { min: [0; 2], max: [8; 2] }];
+            let own_rects = [[Rect { min: [0; 2], max: [8; 2] }; LANES]];
             let octets = [Octet::of_one(record, SurfaceSample::default())];
-            let surfaces = Surfaces { octets: &octets, rects: &rects, depth_tolerances: &[0.0] };
+            let surfaces = Surfaces { octets: &octets, own_rects: &own_rects, depth_tolerances: &[0.0] };
             for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
                 let [depth, nearest, reach]: [[f32; 16]; 3] = dispatch!(level, simd => {
                     let mut surfels = Surfels::NONE;
