@@ -73,7 +73,7 @@ impl WideProjector<'_> {
                 out.begin_octet(self.scalar.cloud_index, range.ids(first));
                 if visible != 0 {
                     let drawn = Drawn { visible, exact, forms, slope: looks.slope, edges };
-                    self.write_octet(simd, first / LANES, drawn, (placed, footprints, looks), out);
+                    self.write_octet(simd, (first / LANES, drawn), (placed, footprints, looks), out);
                 }
                 if hard != 0 {
                     self.put_scalar((first, hard), out);
@@ -209,8 +209,7 @@ impl WideProjector<'_> {
     fn write_octet<S: Simd>(
         &self,
         simd: S,
-        block: usize,
-        drawn: Drawn<S>,
+        (block, drawn): (usize, Drawn<S>),
         (placed, footprints, looks): (&Placed<S>, &Footprints<S>, &Looks<S>),
         out: &mut Places,
     ) {
