@@ -93,9 +93,10 @@ fn main() {
         "affine" => (vec![splats(false)], affine),
         "exact" => (vec![splats(false)], exact),
         "harmonics" => (vec![splats(true)], affine),
-        "surfels" => (vec![sphere()], affine),
+        "surfels" => (vec![ball()], affine),
+        "apart" => (vec![cloud(sphere())], affine),
         "grid" => (vec![grid()], affine),
-        "mixed" => (vec![grid(), sphere()], affine),
+        "mixed" => (vec![grid(), ball()], affine),
         "window" => (vec![splats(false)], ordered(Order::PerPixel)),
         "slabs" => (vec![grid()], ordered(Order::Slabs { thickness: 2.0 })),
         "thin-slabs" => (vec![grid()], ordered(Order::Slabs { thickness: 1.0 })),
@@ -104,7 +105,7 @@ fn main() {
             let slabs = ordered(Order::Slabs { thickness: 2.0 });
             (vec![grid()], RenderSettings { interpolation: true, low_pass: 1.0, ..slabs })
         }
-        "mixed-slabs" => (vec![grid(), sphere()], ordered(Order::Slabs { thickness: 2.0 })),
+        "mixed-slabs" => (vec![grid(), ball()], ordered(Order::Slabs { thickness: 2.0 })),
         _ => panic!("there is no scene {name:?}; they are listed in .ci/instructions"),
     };
     let scene = Scene { clouds, lights: Vec::new() };
@@ -147,14 +148,19 @@ fn splats(with_harmonics: bool) -> Cloud {
     })
 }
 
-/// A closed sphere of opaque surfels, a pixel apart.
-fn sphere() -> Cloud {
+/// A closed sphere of opaque surfels, a pixel apart, in the order in which samplers give them.
+fn ball() -> Cloud {
+    cloud(sphere().in_morton_order())
+}
+
+/// The same, in random order.
+fn sphere() -> Splats {
     let mut random = Random(2);
     let normals: Vec<Vec3> = (0..SURFELS).map(|_| random.direction()).collect();
     let radius = 0.3;
     let area = 4.0 * PI * radius * radius / SURFELS as f32;
     let sigma = area.sqrt();
-    cloud(Splats {
+    Splats {
         centers: normals.iter().map(|normal| *normal * radius).collect(),
         shapes: Shapes::Each(normals.iter().map(|n| oblate_factor(*n, sigma, f32::INFINITY)).collect()),
         strength: Strength::Surface(Surface {
@@ -168,7 +174,7 @@ fn sphere() -> Cloud {
         harmonics: None,
         normals: Some(normals),
         material: Material::default(),
-    })
+    }
 }
 
 /// A lit block of kernels on a grid, around the sphere, as transparent as glass.

@@ -145,7 +145,7 @@ impl LayerBuilder<'_> {
         let color = |entry: &AtomicU32| {
             let part = Part(entry.load(Ordering::Relaxed));
             let octet = &self.surfaces.octets[part.place() as usize];
-            let [color @ .., _] = octet.look((octet.seen & part.lanes()).trailing_zeros() as usize);
+            let [color @ .., _] = octet.look(part.lane().unwrap_or(octet.seen.trailing_zeros() as usize));
             color
         };
         *usual = list.first().map(color).filter(is_within).unwrap_or([0.0; 3]);

@@ -258,7 +258,8 @@ impl Renderer {
         let hides = kind == 1 && settings.occlusion && !self.visible[0].is_empty();
         let looked = hides.then_some(self.occlusion.looked());
         let (shaders, level) = (&self.shaders, self.level);
-        let view = SceneView { scene, camera, settings, shaders, closing, looked, level };
+        let tile_side = self.tile_side;
+        let view = SceneView { scene, camera, settings, shaders, closing, looked, tile_side, level };
         let drawn = if kind == 0 { &mut self.surfaces } else { &mut self.volumes };
         drawn.append(&view, &self.visible[kind], self.occlusion.next());
     }

@@ -6,7 +6,7 @@
 //! [`sample_seen`] does so for what a camera sees, with cells as wide as pixels near and far.
 //!
 //! [`point_surfels`] makes each point of a scan a surfel, whose plane and area its neighbours tell, [`depth_surfels`] each pixel of an
-//! [`RgbdImage`]. [`merge_flat`] merges surfels where a surface is flat.
+//! [`RgbdImage`], and [`renew_depth_surfels`] of one after the other. [`merge_flat`] merges surfels where a surface is flat.
 //!
 //! ```
 //! use oblate_surfels::{Density, Mesh, SamplerSettings, primitives, sample};

@@ -169,7 +169,7 @@ mod tests {
             let shaders = [Shader::new(&scene, &camera, Material::default())];
             let closing = Closing::Centers;
             let level = Level::Baseline;
-            let view = SceneView { scene: &scene, camera: &camera, settings: &settings, shaders: &shaders, closing, looked: None, level };
+            let view = SceneView { scene: &scene, camera: &camera, settings: &settings, shaders: &shaders, closing, looked: None, tile_side: 16, level };
             let mut records = Records::default();
             records.append(&view, &visible, &[0]);
             let count = records.len();

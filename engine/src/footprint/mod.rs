@@ -1,5 +1,5 @@
-//! Stage `footprint`: visible splats to screen-space records, each with the cheapest form that its share of
-//! the tolerance allows.
+//! Stage `footprint`: visible splats to screen-space records, those of surfaces to octets of them, each with the cheapest form that
+//! its share of the tolerance allows.
 
 mod ewa;
 mod octet;
@@ -21,7 +21,6 @@ use crate::order::Run;
 use crate::scene::{RenderSettings, Scene};
 use crate::shade::Shader;
 use crate::simd::Level;
-use crate::tile::MAX_SIDE;
 use rayon::prelude::*;
 use scalar::{Projector, View};
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -83,13 +82,10 @@ const RUNS_TOGETHER: usize = 64;
 /// Ranges that are projected one after the other.
 const RANGES_TOGETHER: usize = 4;
 
-/// Surfels are listed each by itself where the rectangle around all touches so many times as many tiles as theirs together.
-const APART: f32 = 2.0;
-
-/// How many tiles a rectangle touches in the mean, as a measure.
-fn touched([width, height]: [f32; 2]) -> f32 {
-    const SIDE: f32 = MAX_SIDE as f32;
-    (width + SIDE) * (height + SIDE)
+/// As a measure how many tiles of a side a rectangle touches in the mean. Surfels are apart, and listed each by itself, where the one
+/// around all touches more than theirs together.
+fn touched([width, height]: [f32; 2], side: f32) -> f32 {
+    (width + side) * (height + side)
 }
 
 /// What became of the splats of a range.
@@ -177,17 +173,17 @@ impl Places<'_> {
         self.tally.forms[surfel.record.tag.form as usize] += 1;
     }
 
-    /// Finds the rectangle around that octet.
-    fn bound(&mut self) {
+    /// Finds the rectangle around that octet, for tiles of a side.
+    fn bound(&mut self, side: f32) {
         let place = self.run.len;
         let (octet, rects) = (&self.octets[place], &self.own_rects[place]);
         let seen = rects.iter().enumerate().filter(|(lane, _)| octet.seen >> lane & 1 != 0);
         let (around, sum) = seen.fold((Rect::NONE, 0.0), |(around, sum), (_, own)| {
             let lengths = [0, 1].map(|axis| f32::from(own.max[axis] - own.min[axis]));
-            (around.around_both(own), sum + touched(lengths))
+            (around.around_both(own), sum + touched(lengths, side))
         });
         let lengths = [0, 1].map(|axis| f32::from(around.max[axis].saturating_sub(around.min[axis])));
-        self.rects[place] = if touched(lengths) > APART * sum { Rect::NONE } else { around };
+        self.rects[place] = if touched(lengths, side) > sum { Rect::NONE } else { around };
     }
 
     /// Keeps that octet if any is seen.
@@ -237,12 +233,8 @@ impl Records {
     /// The rectangle of a part.
     #[inline(always)]
     pub(crate) fn rect_of(&self, part: Part) -> Rect {
-        let (place, lanes) = (part.place() as usize, part.lanes());
-        if lanes == u8::MAX {
-            self.rects[place]
-        } else {
-            self.own_rects[place][lanes.trailing_zeros() as usize]
-        }
+        let place = part.place() as usize;
+        part.lane().map_or(self.rects[place], |lane| self.own_rects[place][lane])
     }
 
     /// Puts runs in the order of their ranks.
@@ -340,14 +332,16 @@ pub(crate) struct SceneView<'a> {
     pub(crate) closing: Closing,
     /// Of what is drawn of surfaces, if that hides volumes.
     pub(crate) looked: Option<&'a Looked>,
+    /// Pixels in a row of a tile.
+    pub(crate) tile_side: usize,
     pub(crate) level: Level,
 }
 
 impl SceneView<'_> {
     fn projector(&self, range: &VisibleRange) -> Projector<'_> {
-        let Self { scene, camera, settings, shaders, closing, looked, .. } = *self;
+        let Self { scene, camera, settings, shaders, closing, looked, tile_side, .. } = *self;
         let (lens, frustum) = (Lens::new(camera, settings.low_pass), Frustum::new(camera));
-        let view = View { camera, settings, lens, frustum, closing, looked };
+        let view = View { camera, settings, lens, frustum, closing, looked, tile_side: tile_side as f32 };
         Projector::new(
             (&scene.clouds[range.cloud], range.level),
             range.cloud as u16,

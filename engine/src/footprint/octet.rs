@@ -66,13 +66,10 @@ impl Part {
         self.0 / PARTS
     }
 
-    /// Which of its surfels may be seen, as bits.
+    /// Which of its surfels it is; `None`: all.
     #[inline(always)]
-    pub(crate) fn lanes(self) -> u8 {
-        match self.0 % PARTS {
-            0 => u8::MAX,
-            code => 1 << (code - 1),
-        }
+    pub(crate) fn lane(self) -> Option<usize> {
+        (self.0 % PARTS).checked_sub(1).map(|lane| lane as usize)
     }
 }
 
@@ -181,11 +178,11 @@ mod tests {
         let octet = Octet { seen: 0b1010_0001, ..Octet::NONE };
         let rect = Rect { min: [0; 2], max: [1; 2] };
         for place in [0, 1, 7, 12_345, Part::MOST_OCTETS - 1] {
-            let parts = |rect: Rect| -> Vec<(usize, u8)> {
-                Part::of(place, &octet, &rect).map(|part| (part.place() as usize, part.lanes())).collect()
+            let parts = |rect: Rect| -> Vec<(usize, Option<usize>)> {
+                Part::of(place, &octet, &rect).map(|part| (part.place() as usize, part.lane())).collect()
             };
-            assert_eq!(parts(rect), [(place, u8::MAX)]);
-            assert_eq!(parts(Rect::NONE), [0, 5, 7].map(|lane| (place, 1 << lane)));
+            assert_eq!(parts(rect), [(place, None)]);
+            assert_eq!(parts(Rect::NONE), [0, 5, 7].map(|lane| (place, Some(lane))));
         }
     }
 }

@@ -42,6 +42,8 @@ pub(super) struct View<'a> {
     pub(super) frustum: Frustum,
     pub(super) closing: Closing,
     pub(super) looked: Option<&'a Looked>,
+    /// Pixels in a row of a tile.
+    pub(super) tile_side: f32,
 }
 
 /// Projects the splats of one cloud.

@@ -1,4 +1,4 @@
-//! Stage `raster`: a tile's records to amplitudes at its pixels, a block of 4×4 at a time.
+//! Stage `raster`: a tile's records and octets to amplitudes at its pixels, a block of 4×4 at a time.
 //!
 //! Records are taken in batches. First it is found which blocks each ellipse meets; then each block takes its records
 //! one after the other, and keeps meanwhile in registers what they make of its pixels.

@@ -1,7 +1,7 @@
 //! Which blocks of a tile the ellipses of records meet.
 
 use super::offsets::{HALF_LOG2_E, Offsets, Plane, ROOT_HALF_LOG2_E};
-use crate::columns::LANES;
+use crate::columns::{LANES, Lanes};
 use crate::footprint::{Form, Octet, Record, Rect};
 use crate::simd::*;
 use crate::tile::{BLOCK_SIDE, MAX_BLOCKS, Tile};
@@ -118,16 +118,16 @@ impl Outlines {
 
     /// Puts in some of an octet's surfels, as they are, from a place on.
     #[inline(always)]
-    pub(crate) fn put<S: Simd>(&mut self, simd: S, place: (usize, M<S>), octet: &Octet) {
+    pub(crate) fn put<S: Simd>(&mut self, simd: S, place: Place<S>, octet: &Octet) {
         for axis in 0..2 {
-            put(simd, &mut self.mean[axis], place, V::simd_from(simd, octet.mean[axis]));
-            put(simd, &mut self.depth_slope[axis], place, V::simd_from(simd, octet.depth_slope[axis]));
+            place.put(simd, &mut self.mean[axis], &octet.mean[axis]);
+            place.put(simd, &mut self.depth_slope[axis], &octet.depth_slope[axis]);
         }
-        for (column, root) in self.root.iter_mut().zip(octet.conic_root) {
-            put(simd, column, place, V::simd_from(simd, root));
+        for (column, root) in self.root.iter_mut().zip(&octet.conic_root) {
+            place.put(simd, column, root);
         }
-        put(simd, &mut self.depth, place, V::simd_from(simd, octet.depth));
-        put(simd, &mut self.sigma_z, place, V::simd_from(simd, octet.sigma_z));
+        place.put(simd, &mut self.depth, &octet.depth);
+        place.put(simd, &mut self.sigma_z, &octet.sigma_z);
     }
 
     /// Takes in a record as it is.
@@ -374,10 +374,26 @@ fn blocks_around<S: Simd>(simd: S, tile: Tile, kept: mask32x16<S>, [low, high]: 
     block(low).min(end)..end
 }
 
-/// Puts some of eight numbers side by side in a column from a place on. What is behind them, up to eight numbers, is lost.
-#[inline(always)]
-pub(crate) fn put<S: Simd>(simd: S, column: &mut Column, (first, some): (usize, M<S>), numbers: V<S>) {
-    simd.compress_f32x8(numbers, some).store_slice(&mut column[first..first + LANES]);
+/// Where numbers of some of an octet's surfels are put side by side.
+#[derive(Clone, Copy)]
+pub(crate) struct Place<S: Simd> {
+    pub(crate) first: usize,
+    pub(crate) some: M<S>,
+    /// Which, where it is only one.
+    pub(crate) one: Option<usize>,
+}
+
+impl<S: Simd> Place<S> {
+    /// Puts them in a column. What is behind them, up to eight numbers from the first place on, may be lost.
+    #[inline(always)]
+    pub(crate) fn put(&self, simd: S, column: &mut Column, numbers: &Lanes) {
+        match self.one {
+            Some(lane) => column[self.first % BATCH] = numbers[lane % LANES],
+            None => simd
+                .compress_f32x8(V::simd_from(simd, *numbers), self.some)
+                .store_slice(&mut column[self.first..self.first + LANES]),
+        }
+    }
 }
 
 /// The numbers of eight records.

@@ -440,6 +440,7 @@ fn compare(scene: &Scene, camera: &Camera, settings: &RenderSettings, level: Lev
         shaders: &renderer.shaders,
         closing: Closing::Centers,
         looked: None,
+        tile_side: 16,
         level,
     };
     let all: Vec<u32> = (0..renderer.visible[1].len() as u32).collect();

@@ -136,7 +136,8 @@ pub enum IsoError {
 ///
 /// Cells with a sample that is not finite hold no surface. The surface is open if it ends there; where the body inside
 /// it reaches faces of the grid it is closed from this side of them ([`Closed`](oblate_engine::Closed)), and else from everywhere; a translucent one is open. Polygons of less than a millionth of a cell's face are left out. The cloud's space has the world's
-/// axes and its origin at sample (0, 0, 0); surfels are in Morton order of bricks of 8×8×8 cells.
+/// axes and its origin at sample (0, 0, 0); surfels are in Morton order of bricks of 8×8×8 cells, and in
+/// these cube by cube of 2×2×2.
 ///
 /// # Errors
 /// When `iso` is not finite, a setting is outside its range, single precision has no room for the grid's lengths or areas, or

@@ -20,7 +20,8 @@ const SURFEL_RADIUS: f64 = 0.6;
 /// The standard deviation of a surfel along its longer half-axis, in steps, on average.
 const MEAN_RADIUS: f64 = 0.54;
 
-/// The surfels of a surface: 40 bytes each, block of cells by block, in Morton order of bricks of 8×8×8 cells.
+/// The surfels of a surface: 40 bytes each, block of cells by block, in Morton order of bricks of 8×8×8 cells, and in these cube
+/// by cube of 2×2×2.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IsoSurfels {
     pub(super) blocks: Vec<Block>,

@@ -69,6 +69,7 @@ fn check(setup: &Setup, splats: &[Seen]) -> Result<(), TestCaseError> {
         shaders: &shaders,
         closing: Closing::Centers,
         looked: None,
+        tile_side: 16,
         level: Level::Baseline,
     };
     let projector = view.projector(&VisibleRange::whole(0..0, Vec3::ZERO, false));
@@ -135,6 +136,7 @@ fn what_is_fainter_than_the_tolerance_is_not_drawn() {
         shaders: &shaders,
         closing: Closing::Centers,
         looked: None,
+        tile_side: 16,
         level: Level::Baseline,
     };
     let projector = view.projector(&VisibleRange::whole(0..0, Vec3::ZERO, false));

@@ -200,6 +200,6 @@ impl<'a> WideProjector<'a> {
                 out.put(lane, &surfel);
             }
         }
-        out.bound();
+        out.bound(self.scalar.view.tile_side);
     }
 }

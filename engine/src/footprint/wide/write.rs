@@ -9,9 +9,8 @@ use crate::columns::{self, LANES, Lanes};
 use crate::cull::VisibleRange;
 use crate::footprint::record::{Form, Kind, Record, Rect, Tag};
 use crate::footprint::scalar::{MOST_AMPLITUDE, MOST_SUMMED, OPAQUE_AMPLITUDE};
-use crate::footprint::{APART, Places, touched};
+use crate::footprint::{Places, touched};
 use crate::simd::*;
-use crate::tile::MAX_SIDE;
 
 /// The least and the greatest distance so far, lane by lane.
 pub(super) type Ends<S> = [V<S>; 2];
@@ -255,10 +254,10 @@ impl WideProjector<'_> {
             #[inline(always)]
             |edge| seen.select(edge, zero).reduce_max(),
         );
-        let side = MAX_SIDE as f32;
+        let side = self.scalar.view.tile_side;
         let own = (right - left + side) * (bottom - top + side);
         let sum = seen.select(own, zero).as_slice().iter().sum::<f32>();
-        let are_apart = touched([max[0] - min[0], max[1] - min[1]]) > APART * sum;
+        let are_apart = touched([max[0] - min[0], max[1] - min[1]], side) > sum;
         let around = Rect { min: min.map(|edge| edge as u16), max: max.map(|edge| edge as u16) };
         out.rects[place] = if are_apart { Rect::NONE } else { around };
         let [min, max] = corners([left, top, right, bottom]);

@@ -5,7 +5,7 @@ use super::{SURFEL_REACH, Slant, Surfaces, Surfel, SurfelLens};
 use crate::columns::LANES;
 use crate::footprint::Part;
 use crate::raster::offsets::HALF_LOG2_E;
-use crate::raster::outline::{BATCH, BlockMasks, Column, put, sixteen, sixteen_of};
+use crate::raster::outline::{BATCH, BlockMasks, Column, Place, sixteen, sixteen_of};
 use crate::simd::*;
 use crate::tile::Tile;
 use std::sync::atomic::AtomicU32;
@@ -90,15 +90,23 @@ impl Surfels {
             }
             let part = Part(entry.load(Relaxed));
             let octet = &surfaces.octets[part.place() as usize];
-            let some = lens.touching(simd, tile, octet) & M::from_bitmask(simd, part.lanes().into());
-            let place = (count, some);
+            // One alone is listed because it touches the tile.
+            let one = part.lane();
+            let some = match one {
+                Some(_) => M::splat(simd, true),
+                None => lens.touching(simd, tile, octet),
+            };
+            taken += 1;
+            if !some.any_true() {
+                continue;
+            }
+            let place = Place { first: count, some, one };
             outlines.put(simd, place, octet);
             sides.put(simd, place, (part.place(), octet), usual);
-            for (tilt, slope) in self.tilt.iter_mut().zip(octet.amplitude_slope) {
-                put(simd, tilt, place, V::simd_from(simd, slope));
+            for (tilt, slope) in self.tilt.iter_mut().zip(&octet.amplitude_slope) {
+                place.put(simd, tilt, slope);
             }
-            count += some.to_bitmask().count_ones() as usize;
-            taken += 1;
+            count += one.map_or(some.to_bitmask().count_ones() as usize, |_| 1);
         }
         outlines.begin_with(count, sides.exact(count));
         outlines.end = [lens.cutoff * HALF_LOG2_E; BATCH];

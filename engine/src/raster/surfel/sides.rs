@@ -4,7 +4,7 @@ use super::batch::Look;
 use super::{FACES_AWAY, IS_EXACT, IS_PLAIN, Surfel, SurfelLens};
 use crate::columns::LANES;
 use crate::footprint::Octet;
-use crate::raster::outline::{BATCH, Column, Outlines, eight, put};
+use crate::raster::outline::{BATCH, Column, Outlines, Place, eight};
 use crate::simd::*;
 use crate::tile::Tile;
 
@@ -39,7 +39,7 @@ impl Sides {
     pub(super) fn put<S: Simd>(
         &mut self,
         simd: S,
-        place: (usize, M<S>),
+        place: Place<S>,
         (number, octet): (u32, &Octet),
         usual: [f32; 3],
     ) {
@@ -52,21 +52,21 @@ impl Sides {
                 if octet.are_alike { octet.first_look.map(|number| [number; LANES]) } else { octet.looks };
             let clear = one - V::simd_from(simd, look[3]);
             is_plain = clear.simd_le(zero);
-            put(simd, &mut self.clear, place, clear);
+            place.put(simd, &mut self.clear, &clear.into());
             for ((column, look), usual) in self.tint.iter_mut().zip(look).zip(usual) {
                 let tint = V::simd_from(simd, look) - usual;
                 is_plain &= tint.simd_eq(zero);
-                put(simd, column, place, tint);
+                place.put(simd, column, &tint.into());
             }
         }
         let flags = is_plain.select(u32x8::simd_from(simd, IS_PLAIN), none)
             | M::from_bitmask(simd, octet.exact.into()).select(u32x8::simd_from(simd, IS_EXACT), none);
         let numbers = u32x8::simd_from(simd, [0, 1, 2, 3, 4, 5, 6, 7]) + number * LANES as u32;
-        put(simd, &mut self.flags, place, V::from_bits(flags));
-        put(simd, &mut self.numbers, place, V::from_bits(numbers));
-        put(simd, &mut self.facing, place, V::simd_from(simd, octet.amplitude));
-        for (column, normal) in self.normal.iter_mut().zip(octet.normal) {
-            put(simd, column, place, V::simd_from(simd, normal));
+        place.put(simd, &mut self.flags, &V::from_bits(flags).into());
+        place.put(simd, &mut self.numbers, &V::from_bits(numbers).into());
+        place.put(simd, &mut self.facing, &octet.amplitude);
+        for (column, normal) in self.normal.iter_mut().zip(&octet.normal) {
+            place.put(simd, column, normal);
         }
     }
 
