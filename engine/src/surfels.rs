@@ -58,7 +58,7 @@ impl Cloud {
     }
 
     /// Becomes what [`Cloud::of_surfels`] gives, in the memory that it has if no clone shares it: for surfaces that change from one
-    /// picture to the next. Most of the time that a cloud takes to be made its memory takes to be got.
+    /// picture to the next. Without it allocators may get all memory anew from the system each time.
     ///
     /// # Errors
     /// Those of [`Cloud::of_surfels`]. Then it is empty.

@@ -140,7 +140,7 @@ impl Octet {
         octet
     }
 
-    /// A surfel as it was put in, and whether it is seen.
+    /// A surfel as it was put in, if it is seen.
     pub(crate) fn get(&self, lane: usize) -> Option<(Record, super::SurfaceSample)> {
         use super::record::{Kind, Tag};
         if self.seen >> lane & 1 == 0 {

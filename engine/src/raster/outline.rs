@@ -34,12 +34,6 @@ pub(crate) struct Outlines {
     count: usize,
 }
 
-#[inline(always)]
-fn bits(sixteens: [u16; BATCH / 16]) -> u64 {
-    let [a, b, c, d] = sixteens.map(u64::from);
-    a | b << 16 | c << 32 | d << 48
-}
-
 /// For each block of a tile the records of a batch that it needs, by sixteens.
 #[derive(Clone, Copy)]
 pub(crate) struct BlockMasks([[u16; BATCH / 16]; MAX_BLOCKS]);
@@ -50,7 +44,8 @@ impl BlockMasks {
     /// The records that a block needs.
     #[inline(always)]
     pub(crate) fn of(&self, block: usize) -> u64 {
-        bits(self.0[block])
+        let [a, b, c, d] = self.0[block].map(u64::from);
+        a | b << 16 | c << 32 | d << 48
     }
 
     /// Leaves out all records but these.
