@@ -104,8 +104,9 @@ fn crowd(cloud: &Cloud, side: u32) -> Scene {
 /// 1, 8 and 64 million splats in one view, at twice the usual tolerance.
 fn growth(criterion: &mut Criterion) {
     type Make = fn() -> Cloud;
-    let with_levels: Make = || surfels().with_levels();
-    let volume: Make = || kernels(&volume(ENGINE), GLASS).with_levels();
+    const TOLERANCE: f64 = 2.0 / 255.0;
+    let with_levels: Make = || surfels().with_levels_for(TOLERANCE);
+    let volume: Make = || kernels(&volume(ENGINE), GLASS).with_levels_for(TOLERANCE);
     for (group, make, is_there) in
         [("crowd of surfels", with_levels, true), ("crowd of volumes", volume, data(ENGINE).is_file())]
     {
@@ -128,7 +129,7 @@ fn growth(criterion: &mut Criterion) {
                 let (middle, size) = ((bounds[0] + bounds[1]) / 2.0, (bounds[1] - bounds[0]).length());
                 camera(middle + DVec3::new(1.2, -1.5, 1.05).normalize() * size * 1.9, middle)
             });
-            draw(criterion, [group, &name], &scene, (&camera, settings(2.0 / 255.0, true)));
+            draw(criterion, [group, &name], &scene, (&camera, settings(TOLERANCE, true)));
         }
     }
 }

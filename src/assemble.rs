@@ -150,7 +150,7 @@ pub(crate) fn assemble(
     {
         if levels_pay(&cloud, &moves, &camera, drawing) {
             let _task = console.task(format!("levels of detail of {name}"));
-            cloud = cloud.with_levels();
+            cloud = cloud.with_levels_for(drawing.settings.tolerance);
         }
         clouds.extend(moves.iter().map(|to| cloud.clone().transformed(*to)));
         origins.extend((place..place + moves.len()).map(|place| (name.clone(), place)));

@@ -45,8 +45,8 @@ fn small_splats(
     samples: usize,
 ) -> usize {
     let settings = &drawing.settings;
-    // Needs of splats are for a tolerance of 1/255; a larger one is a wider filter.
-    let filter = settings.low_pass.sqrt() * (255.0 * settings.tolerance).sqrt();
+    // Most needs fall with the tolerance itself.
+    let filter = settings.low_pass.sqrt() * (255.0 * settings.tolerance).powf(0.8);
     let lens = Lens::new(camera, settings.low_pass);
     let to_camera = camera.pose().world_to_camera * place * cloud.cloud_to_world();
     let size = camera.size().map(f64::from);

@@ -69,6 +69,7 @@ pub fn way(settings: &RenderSettings) -> String {
     let order = match settings.order {
         Order::Auto => "layers".into(),
         Order::Centers => "centers".into(),
+        Order::Shells { thickness } => format!("shells {thickness}σ"),
         Order::PerPixel => "per pixel".into(),
         Order::Slabs { thickness } => format!("slabs {thickness}σ"),
         Order::AxisSheets { .. } => "axis sheets".into(),
@@ -118,7 +119,8 @@ pub fn methods(scene: &Scene, settings: &RenderSettings, settled: &RenderSetting
     let fixed = RenderSettings { level_of_detail: false, ..*settings };
     let orders: Vec<Order> = if has_kernels {
         let slabs = |thickness| Order::Slabs { thickness };
-        [Order::Centers, Order::PerPixel].into_iter().chain(THICKNESSES.map(slabs)).collect()
+        let shells = Order::Shells { thickness: 1.0 };
+        [Order::Centers, shells, Order::PerPixel].into_iter().chain(THICKNESSES.map(slabs)).collect()
     } else {
         vec![settings.order]
     };

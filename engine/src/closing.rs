@@ -22,8 +22,8 @@ use glam::{DVec3, Vec3};
 /// A policy, with what it needs to know of a frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Closing {
-    /// After each kernel, by distance.
-    Centers,
+    /// After each kernel, by distance; those whose distances differ by less come in the order of their places.
+    Centers { alike: f32 },
     /// After each kernel, by depth in a window.
     PerPixel,
     /// At planes.
@@ -136,20 +136,19 @@ impl Closing {
     ) -> Result<Self, SceneError> {
         let mut volumes = scene.clouds.iter().filter(|cloud| !cloud.is_surface());
         let thickness = match settings.order {
-            Order::Auto if scene.is_sorted_by_definition() => return Ok(Self::Centers),
+            Order::Auto if scene.is_sorted_by_definition() => return Ok(Self::Centers { alike: 0.0 }),
             Order::Auto => Order::THICKNESS,
             Order::Slabs { thickness } => thickness,
-            Order::Centers => return Ok(Self::Centers),
+            Order::Centers => return Ok(Self::Centers { alike: 0.0 }),
+            Order::Shells { thickness } => {
+                return Ok(Self::Centers { alike: (thickness * least_sigma(scene, visible)) as f32 });
+            }
             Order::PerPixel => return Ok(Self::PerPixel),
             Order::AxisSheets { spacing } => {
                 return Sheets::new(volumes.next(), camera, spacing).map(Self::Sheets);
             }
         };
-        let (least, largest) = drawn_sigmas(scene, visible)
-            .fold((f64::INFINITY, 0.0), |(least, largest): (f64, f64), sigma| {
-                (least.min(sigma), largest.max(sigma))
-            });
-        let sigma = if largest > 0.0 { least.max(largest / LARGEST_RATIO) } else { 1.0 };
+        let sigma = least_sigma(scene, visible);
         let farthest = visible.iter().map(|range| range.distances[1]).fold(0.0, f32::max);
         let depth = (f64::from(farthest) - camera.near()).max(0.0);
         let is_corrected = settings.baseline != Some(Baseline::UncorrectedShares);
@@ -160,6 +159,11 @@ impl Closing {
             added: if is_corrected { 1.0 / 6.0 } else { 0.0 },
             level: LEVEL * settings.tolerance as f32,
         }))
+    }
+
+    /// By how much distances may differ and count as equal, where kernels come by these.
+    pub(crate) fn alike(&self) -> f32 {
+        if let Self::Centers { alike } = *self { alike } else { 0.0 }
     }
 
     /// Whether records need the numbers of their slabs.
@@ -191,7 +195,7 @@ impl Closing {
         (distance, sigma, reach): (F, F, F),
     ) -> [F; 2] {
         let ends = match self {
-            Self::Centers | Self::PerPixel => return [F::simd_from(simd, 0.0); 2],
+            Self::Centers { .. } | Self::PerPixel => return [F::simd_from(simd, 0.0); 2],
             Self::Slabs(slabs) => {
                 let half = slabs.half(simd, sigma, reach);
                 let from_near = distance - slabs.near as f32;
@@ -217,6 +221,13 @@ impl Closing {
             self.numbers(simd, center, (distance, sigma, reach)).map(|number| number.reduce_max())
         })
     }
+}
+
+/// The σ that orders go by: the least of what clouds draw, if that is not too small beside the largest; 1 where there is none.
+fn least_sigma(scene: &Scene, visible: &[VisibleRange]) -> f64 {
+    let ends = |[least, largest]: [f64; 2], sigma: f64| [least.min(sigma), largest.max(sigma)];
+    let [least, largest] = drawn_sigmas(scene, visible).fold([f64::INFINITY, 0.0], ends);
+    if largest > 0.0 { least.max(largest / LARGEST_RATIO) } else { 1.0 }
 }
 
 /// The size of the kernels of each cloud, as it is drawn: of several levels of detail the geometric mean over the splats of

@@ -222,11 +222,19 @@ impl Cloud {
     /// each run of 4096; they should be in an order that keeps neighbours together, as [`Splats::in_morton_order`] does.
     #[must_use]
     pub fn with_levels(self) -> Self {
+        self.with_levels_for(1.0 / 255.0)
+    }
+
+    /// As [`Self::with_levels`], which is for a tolerance of 1/255, for pictures of another one; below 1e-6 for 1e-6. Which errors fade soon
+    /// and which slowly differs from splat to splat: in a picture of another tolerance than levels are for, filters count as wider by the
+    /// root of how much larger that is, or as narrower as it is smaller, so that it is kept to with more splats than levels for it have.
+    #[must_use]
+    pub fn with_levels_for(self, tolerance: f64) -> Self {
         if self.levels.len() > 1 {
             return self;
         }
         let levels = Arc::try_unwrap(self.levels).unwrap_or_else(|shared| shared.as_ref().clone());
-        Self { levels: Arc::new(levels::with_coarser(levels)), ..self }
+        Self { levels: Arc::new(levels::with_coarser(levels, tolerance.max(1e-6))), ..self }
     }
 
     /// The same cloud elsewhere: `outer` is applied after the transform that the cloud already has.

@@ -196,7 +196,8 @@ fn find_visible(
             near: camera.near(),
             perspective,
             pixel_filter,
-            allowance: allowance(settings.tolerance) * widening / largest_stretch(cloud_to_camera.matrix3),
+            allowance: allowance(cloud.levels(), settings.tolerance) * widening
+                / largest_stretch(cloud_to_camera.matrix3),
             cutoff: settings.farthest_end(),
             stretch: largest_stretch(cloud_to_camera.matrix3),
             cloud_to_camera,

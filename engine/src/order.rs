@@ -10,6 +10,9 @@ const BUCKETS: usize = 1 << DIGIT;
 /// Bits of a distance that don't count, at least: distances that agree to 2⁻²⁰ of themselves are equal.
 const DROPPED: u32 = 3;
 
+/// 2²³, which holds whole numbers in its lowest bits.
+const HOLDER: f32 = 8_388_608.0;
+
 /// Entries that a thread copies in one go, at least.
 const ENTRIES_A_TASK: usize = 1 << 14;
 
@@ -41,7 +44,7 @@ impl Run {
 /// Numbers of 22 bits that sort as distances do.
 ///
 /// Bits of a positive number sort as it does, and tell it to a share of itself; distances of any sign are moved to where
-/// that is the same share of all.
+/// that is the same share of all. Added to, 2²³ times a power of two holds multiples of that power in its lowest bits.
 #[derive(Clone, Copy)]
 pub(crate) struct Keys {
     offset: f32,
@@ -50,15 +53,20 @@ pub(crate) struct Keys {
 }
 
 impl Keys {
-    /// Whole numbers below 2²² as they are: added to, 2²³ holds them in its lowest bits.
-    pub(crate) const OF_NUMBERS: Self =
-        Self { offset: 8_388_608.0, least: 8_388_608f32.to_bits(), dropped: 0 };
+    /// Whole numbers below 2²² as they are.
+    pub(crate) const OF_NUMBERS: Self = Self { offset: HOLDER, least: HOLDER.to_bits(), dropped: 0 };
 
-    /// Distances of any range.
-    pub(crate) fn of(runs: &[Run]) -> Self {
+    /// Distances of any range, in steps of `alike` at most, if that is not 0 and so many steps have numbers.
+    pub(crate) fn of(runs: &[Run], alike: f32) -> Self {
         let ends = |i: usize| runs.iter().map(move |run| run.distances[i]);
         let (nearest, farthest) =
             (ends(0).fold(f32::INFINITY, f32::min), ends(1).fold(f32::NEG_INFINITY, f32::max));
+        let step = alike.log2().floor().exp2();
+        if step > 0.0 && farthest - nearest < step * ((1 << (2 * DIGIT)) - 4) as f32 {
+            // From an even multiple of a step: what is rounded to which doesn't go by what else there is.
+            let offset = step * (HOLDER - 2.0 * (0.5 * nearest / step).floor());
+            return Self { offset, least: (step * HOLDER).to_bits(), dropped: 0 };
+        }
         let offset = if nearest > 0.0 { 0.0 } else { farthest - 2.0 * nearest };
         // What is so near that it would cost the rest precision is equally near.
         const NEAR: f32 = 1.0 / (1_u64 << 32) as f32;
@@ -168,6 +176,7 @@ mod tests {
                 prop::collection::vec(2000..9999_u16, 0..3000).prop_map(|numbers| numbers.into_iter().map(f32::from).collect()),
             ],
             are_numbers in any::<bool>(),
+            alike in prop::sample::select(vec![0.0, 1e-3, 0.3, 50.0_f32]),
             threads in 1..5_usize,
         ) {
             // Runs of a hundred with gaps between them.
@@ -185,7 +194,7 @@ mod tests {
                 runs.push(run);
             }
             let are_numbers = are_numbers && distances.iter().all(|distance| distance.fract() == 0.0);
-            let keys = if are_numbers { Keys::OF_NUMBERS } else { Keys::of(&runs) };
+            let keys = if are_numbers { Keys::OF_NUMBERS } else { Keys::of(&runs, alike) };
             let mut expected: Vec<usize> = (0..distances.len()).collect();
             expected.sort_by_key(|i| keys.key(distances[*i]));
             let expected: Vec<usize> = expected.into_iter().map(|i| i / 100 * 150 + i % 100).collect();
@@ -199,10 +208,12 @@ mod tests {
         fn keys_sort_as_distances_do(
             ends in prop_oneof![[-1e3..1e6f32, -1e3..1e6f32], [0.0..1e6f32, 1e-12..1e6f32]],
             shares in prop::array::uniform2(0.0..=1.0f32),
+            share_alike in prop::sample::select(vec![0.0, 1e-3, 0.1_f32]),
         ) {
             let mut run = Run::new(0);
             ends.into_iter().for_each(|end| run.include([end; 2]));
-            let keys = Keys::of(&[run]);
+            let alike = share_alike * (run.distances[1] - run.distances[0]);
+            let keys = Keys::of(&[run], alike);
             let [a, b] = shares.map(|share| (ends[0] + share * (ends[1] - ends[0])).clamp(run.distances[0], run.distances[1]));
             let [near, far] = [a.min(b), a.max(b)];
             prop_assert!(keys.key(near) <= keys.key(far));
@@ -210,6 +221,7 @@ mod tests {
             // Of itself, or of all where distances have any sign.
             let size = if run.distances[0] > 0.0 { far } else { run.distances[1] - run.distances[0] };
             let is_far_apart = far - near > size * 2f32.powi(-16) && far > run.distances[1] * 2f32.powi(-31);
+            let is_far_apart = is_far_apart && far - near > 1.01 * alike;
             prop_assert!(!is_far_apart || keys.key(near) < keys.key(far));
         }
     }

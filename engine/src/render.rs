@@ -8,6 +8,7 @@ mod tiles;
 use crate::bin::TileLists;
 use crate::camera::Camera;
 use crate::closing::Closing;
+use crate::columns::Kind;
 use crate::composite::{Compositor, lead};
 use crate::cull::{VisibleRange, find_affordable, touched_pixels};
 use crate::cuts::KeptCuts;
@@ -293,7 +294,7 @@ impl Renderer {
                 lens: KernelLens {
                     lens,
                     near,
-                    cutoff: settings.cutoff as f32,
+                    cutoffs: [settings.cutoff_of(&Kind::Extinction), settings.cutoff].map(|end| end as f32),
                     least_alpha: settings.least_opacity() as f32,
                     closing,
                     is_taylor: settings.baseline == Some(Baseline::Taylor),
@@ -420,7 +421,7 @@ impl Drawn {
             }
             &self.order
         };
-        let keys = if closing.has_slabs() { Keys::OF_NUMBERS } else { Keys::of(runs) };
+        let keys = if closing.has_slabs() { Keys::OF_NUMBERS } else { Keys::of(runs, closing.alike()) };
         let order = watched(observer, Stage::Order, || sorter.sort((runs, keys), distances, scratch));
         watched(observer, Stage::Bin, || {
             self.lists.fill(size, order, |place| rects[place as usize], scratch)

@@ -22,6 +22,11 @@ impl Scene {
         self.clouds.iter().filter(|cloud| counted.insert(cloud.address())).map(Cloud::bytes).sum()
     }
 
+    /// Whether there are opacities, which are composited by their centres' distance by definition.
+    pub(crate) fn has_opacities(&self) -> bool {
+        self.clouds.iter().any(|cloud| matches!(cloud.columns().kind, Kind::Opacity(_)))
+    }
+
     /// Whether nothing is drawn but opacities, which are composited by their centres' distance by definition.
     pub(crate) fn is_sorted_by_definition(&self) -> bool {
         self.clouds.iter().all(|cloud| matches!(cloud.columns().kind, Kind::Opacity(_)))
@@ -93,6 +98,14 @@ pub enum Order {
     Auto,
     /// After each kernel, by the distance of centres from the eye, which does not change when the camera turns in place.
     Centers,
+    /// The same but for what is about as far away: after each kernel, shell by shell around the eye, and within a shell in the order that
+    /// splats have in memory, which keeps neighbours together. Which of two kernels comes first that overlap so far is wrong by about as
+    /// much either way: in a haze of all colours shells of σ are 8 % farther from R1 than [`Self::Centers`]. Lists are sorted and read in less
+    /// time. Kernels that are defined by their order should have [`Self::Centers`].
+    Shells {
+        /// In σ of kernels, as slabs have it, above 0; shells are thinner by up to a half, since powers of two are quick.
+        thickness: f64,
+    },
     /// After each kernel, by its depth at the pixel, as far as a small window of kernels reaches.
     PerPixel,
     /// At spheres around the eye, or planes where rays are parallel: no order within a slab. Kernels are shared out between
@@ -144,7 +157,9 @@ pub struct RenderSettings {
     pub background: [f32; 4],
     /// The largest error of a channel that is aimed at; shared out between the stages.
     pub tolerance: f64,
-    /// Squared Mahalanobis radius at which kernels are cut off; their mass is renormalised. [`crate::settle()`] may find another.
+    /// Squared Mahalanobis radius ρ at which kernels are cut off, at least 0. Those of extinctions keep their mass and, in part, their
+    /// variance: with λ = e^{−ρ/2}, the share of the mass that is cut off, what is left is drawn 1/(1 − λ) times as dense, and with 1 + 2λ
+    /// times its covariance before it is cut off at the same place. [`crate::settle()`] may find another radius.
     pub cutoff: f64,
     /// Squared Mahalanobis radius at which surfels end, to references too: it is a part of what they are.
     pub outline: f64,
@@ -171,9 +186,18 @@ impl RenderSettings {
         self.cutoff.max(self.outline)
     }
 
-    /// The squared Mahalanobis radius at which splats of a kind end.
+    /// The squared Mahalanobis radius at which splats of a kind end, [widened](Self::widening_of).
     pub(crate) fn cutoff_of(&self, kind: &Kind) -> f64 {
-        if matches!(kind, Kind::Surface(_)) { self.outline } else { self.cutoff }
+        let end = if matches!(kind, Kind::Surface(_)) { self.outline } else { self.cutoff };
+        end / self.widening_of(kind)
+    }
+
+    /// What covariances of a kind, the filter's included, are drawn larger by.
+    ///
+    /// A kernel without its ends is narrower than it was, and a field of such kernels has steeper borders. Without them, but with its
+    /// mass, its peak is too high by the share λ of the mass that they have; widened by 2λ it is too low by as much.
+    pub(crate) fn widening_of(&self, kind: &Kind) -> f64 {
+        if matches!(kind, Kind::Extinction) { 1.0 + 2.0 * (-0.5 * self.cutoff).exp() } else { 1.0 }
     }
 
     /// Opacities below this are left out: several kernels end in a pixel, and what they lack together is to stay within the tolerance.

@@ -73,7 +73,10 @@ impl RenderSettings {
         for (what, radius) in [("cut-off", cutoff), ("outline of surfels", outline)] {
             check(what, radius, (1.0..=100.0).contains(&radius), "it must be from 1 to 100")?;
         }
-        if let Order::Slabs { thickness: length } | Order::AxisSheets { spacing: length } = self.order {
+        if let Order::Slabs { thickness: length }
+        | Order::Shells { thickness: length }
+        | Order::AxisSheets { spacing: length } = self.order
+        {
             let ok = (1e-3..=1e6).contains(&length);
             check("thickness of slabs", length, ok, "it must be from 0.001 to 1e6")?;
         }

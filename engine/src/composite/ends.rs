@@ -5,6 +5,7 @@ use super::Compositor;
 use super::coming::Coming;
 use crate::camera::Projection;
 use crate::closing::Closing;
+use crate::columns::Kind;
 use crate::cull::VisibleRange;
 use crate::cuts::Cuts;
 use crate::footprint::Record;
@@ -38,7 +39,8 @@ pub(crate) fn lead(ranges: &[VisibleRange], settings: &RenderSettings, projectio
     }
     let distances = ranges.iter().flat_map(|range| range.distances.map(|d| f64::from(d).abs()));
     let farthest = distances.fold(0.0, f64::max);
-    let before_center = (1.0 + KERNEL_REACH * KERNEL_REACH / settings.farthest_end()).sqrt();
+    let widening = settings.widening_of(&Kind::Extinction);
+    let before_center = (1.0 + KERNEL_REACH * KERNEL_REACH * widening / settings.farthest_end()).sqrt();
     // Distances in lists are equal that agree to 2⁻¹⁶ of their range.
     ((10.0 / 9.0 + before_center) * reach + 1e-4 * farthest) as f32
 }
@@ -81,7 +83,7 @@ impl Compositor<'_> {
         match &self.lens.closing {
             Closing::Slabs(slabs) => slabs.begin(record.amplitude_slope_or_slabs[0] as u32),
             Closing::Sheets(_) => f32::NEG_INFINITY,
-            Closing::Centers | Closing::PerPixel => self.center_distance(tile, record),
+            closing => self.center_distance(tile, record) - closing.alike(),
         }
     }
 
@@ -91,7 +93,7 @@ impl Compositor<'_> {
         match &self.lens.closing {
             Closing::Slabs(slabs) => slabs.begin(record.amplitude_slope_or_slabs[0] as u32 + 1),
             Closing::Sheets(_) => f32::INFINITY,
-            Closing::Centers | Closing::PerPixel => self.center_distance(tile, record),
+            closing => self.center_distance(tile, record) - closing.alike(),
         }
     }
 
@@ -167,7 +169,7 @@ mod tests {
                 return Ok(());
             }
             let shaders = [Shader::new(&scene, &camera, Material::default())];
-            let closing = Closing::Centers;
+            let closing = Closing::Centers { alike: 0.0 };
             let level = Level::Baseline;
             let view = SceneView { scene: &scene, camera: &camera, settings: &settings, shaders: &shaders, closing, looked: None, tile_side: 16, level };
             let mut records = Records::default();
@@ -176,7 +178,7 @@ mod tests {
             let lens = KernelLens {
                 lens,
                 near: camera.near() as f32,
-                cutoff: cutoff as f32,
+                cutoffs: [settings.cutoff_of(&Kind::Extinction), cutoff].map(|end| end as f32),
                 least_alpha: settings.least_opacity() as f32,
                 closing,
                 is_taylor: false,

@@ -96,10 +96,10 @@ impl Compositor<'_> {
         let KernelBuffers { batches, coming, windows, slabs, none } = buffers;
         let fetched = (batches, coming);
         let count = match (&self.lens.closing, self.keeps_depth) {
-            (Closing::Centers, false) => {
+            (Closing::Centers { .. }, false) => {
                 self.add_to::<S, Centers<S>, false>(simd, tile, (cuts, ()), (fetched, none, runs))
             }
-            (Closing::Centers, true) => {
+            (Closing::Centers { .. }, true) => {
                 self.add_to::<S, Centers<S>, true>(simd, tile, (cuts, ()), (fetched, none, runs))
             }
             (Closing::PerPixel, _) => {

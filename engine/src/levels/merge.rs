@@ -24,7 +24,7 @@ struct Merged {
 }
 
 /// The next coarser level: each splat stands for four consecutive ones of the level below, the last for those that are left.
-pub(super) fn coarser(below: &Level) -> Level {
+pub(super) fn coarser(below: &Level, tolerance: f64) -> Level {
     let columns = &below.columns;
     let families = |number: usize| {
         let start = number * CHILDREN;
@@ -33,7 +33,7 @@ pub(super) fn coarser(below: &Level) -> Level {
     let count = columns.len.div_ceil(CHILDREN);
     let merged = |number: usize| {
         let least = families(number).map(|index| below.need(index)).fold(0.0, f32::max);
-        Merged::new(columns, &Family::new(columns, families(number)), least)
+        Merged::new(columns, &Family::new(columns, families(number)), (tolerance, least))
     };
     let merged: Vec<Merged> = (0..count).into_par_iter().with_min_len(FAMILIES_A_TASK).map(merged).collect();
     let column = |value: fn(&Merged) -> f32| merged.iter().map(value).collect::<Vec<f32>>();
@@ -81,15 +81,16 @@ pub(super) fn coarser(below: &Level) -> Level {
         cluster.needs = range_of(needs[cluster.splats.clone()].iter().copied());
     }
     let median_sigma = above.median_sigma();
-    Level { columns: above, clusters, median_sigma, needs: Some(Column::new(needs, |need| [*need])) }
+    let needs = Some(Column::new(needs, |need| [*need]));
+    Level { columns: above, clusters, median_sigma, needs, tolerance }
 }
 
 /// The least number of families that a thread merges at a time.
 const FAMILIES_A_TASK: usize = 256;
 
 impl Merged {
-    /// The splat for a family whose members need `least` at most.
-    fn new(columns: &Columns, family: &Family, least: f32) -> Self {
+    /// The splat for a family whose members need `least` at most, at a tolerance.
+    fn new(columns: &Columns, family: &Family, (tolerance, least): (f64, f32)) -> Self {
         let covariance = family.covariance();
         let (strength, factor);
         let mut normals;
@@ -144,7 +145,7 @@ impl Merged {
             opacity: family.average(|m| m.opacity).min(1.0) as f32,
             color,
             normal: normal.as_vec3(),
-            need: terms.need().max(least),
+            need: terms.need(tolerance).max(least),
         }
     }
 }

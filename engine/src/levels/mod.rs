@@ -27,8 +27,10 @@ pub(crate) struct Level {
     /// See [`Columns::median_sigma`].
     pub(crate) median_sigma: Option<f32>,
     /// The least standard deviation of the pixel's filter, at a splat and in cloud space, for which it may stand for its
-    /// children, at a tolerance of 1/255; at least that of each child. `None` of the cloud's own splats, which always may.
+    /// children; at least that of each child. `None` of the cloud's own splats, which always may.
     pub(crate) needs: Option<Column<1>>,
+    /// Which needs are for.
+    pub(crate) tolerance: f64,
 }
 
 /// Consecutive splats of a level, and what lies below them.
@@ -50,7 +52,7 @@ impl Level {
     pub(crate) fn of_splats(columns: Columns) -> Self {
         let clusters = clusters(&columns);
         let median_sigma = columns.median_sigma();
-        Self { columns, clusters, median_sigma, needs: None }
+        Self { columns, clusters, median_sigma, needs: None, tolerance: 1.0 }
     }
 
     /// Needs of the splats 8 · block up to 8 · block + 7.
@@ -69,13 +71,15 @@ impl Level {
     }
 }
 
-/// The factor by which filters count as larger at another tolerance than 1/255.
-pub(crate) fn allowance(tolerance: f64) -> f64 {
-    (tolerance * 255.0).sqrt()
+/// The factor by which filters count as larger at another tolerance than that which the needs of levels are for: errors fade with 1/σ at
+/// least, and most of them with 1/σ³.
+pub(crate) fn allowance(levels: &[Level], tolerance: f64) -> f64 {
+    let ratio = levels.last().map_or(1.0, |level| tolerance / level.tolerance);
+    if ratio > 1.0 { ratio.sqrt() } else { ratio }
 }
 
-/// Puts levels on a cloud's own splats, the last of which is a single cluster.
-pub(crate) fn with_coarser(mut levels: Vec<Level>) -> Vec<Level> {
+/// Puts levels for a tolerance on a cloud's own splats, the last of which is a single cluster.
+pub(crate) fn with_coarser(mut levels: Vec<Level>, tolerance: f64) -> Vec<Level> {
     if let [own] = &mut levels[..]
         && own.columns.len > CLUSTER_SIZE
     {
@@ -83,7 +87,7 @@ pub(crate) fn with_coarser(mut levels: Vec<Level>) -> Vec<Level> {
         own.clusters = clusters(&own.columns);
     }
     while let Some(below) = levels.last().filter(|level| level.columns.len > CLUSTER_SIZE) {
-        let above = coarser(below);
+        let above = coarser(below, tolerance);
         let below = levels.len() - 1;
         let (below, mut above) = (&mut levels[below], above);
         for (number, cluster) in below.clusters.iter_mut().enumerate() {

@@ -6,7 +6,7 @@ use super::*;
 use crate::camera::{Pose, Projection};
 use crate::closed::Closed;
 use crate::cloud::{Cloud, Material, OpacityFilter, Shapes, Splats, Strength, Surface, oblate_factor};
-use crate::columns::LANES;
+use crate::columns::{self, LANES};
 use crate::footprint::{Form, Kind, Record, Rect};
 use crate::order::Keys;
 use crate::scene::{FootprintForm, Order};
@@ -98,11 +98,11 @@ fn taken(records: &Records) -> Vec<usize> {
 impl<'a> Specification<'a> {
     fn new(
         [surfaces, volumes]: [&'a Records; 2],
-        (camera, settings): (&'a Camera, &'a RenderSettings),
+        (camera, settings, closing): (&'a Camera, &'a RenderSettings, Closing),
         depth_tolerances: &'a [f32],
     ) -> Self {
         let mut volume_order = taken(volumes);
-        let keys = Keys::of(&volumes.runs);
+        let keys = Keys::of(&volumes.runs, closing.alike());
         let key = |place: usize| keys.key(f32::from_bits(volumes.distances[place].load(Relaxed)));
         volume_order.sort_by_key(|place| (key(*place), *place));
         Self {
@@ -246,7 +246,7 @@ impl<'a> Specification<'a> {
     /// - sums and means of layers are right to 2e-5.
     fn runs(&self, pixel: [usize; 2], cuts: &[SpecifiedCut]) -> (Vec<(DVec3, f64)>, f64) {
         let center = DVec2::new(pixel[0] as f64, pixel[1] as f64) + 0.5;
-        let (cutoff, near) = (self.settings.cutoff, self.camera.near());
+        let near = self.camera.near();
         let mut runs = vec![(DVec3::ZERO, 1.0); cuts.len() + 1];
         let mut bound = 2e-5;
         for place in &self.volume_order {
@@ -260,6 +260,10 @@ impl<'a> Specification<'a> {
             }
             let u = center - DVec2::from(record.mean.map(f64::from));
             let Hit { r, z, sigma_z, scale, doubt } = hit(record, u);
+            let cutoff = match record.tag.kind {
+                Kind::Extinction => self.settings.cutoff_of(&columns::Kind::Extinction),
+                _ => self.settings.cutoff,
+            };
             let is_doubtful = (r - cutoff).abs() <= 4e-4 + doubt;
             if r > cutoff && !is_doubtful {
                 continue;
@@ -433,12 +437,13 @@ fn compare(scene: &Scene, camera: &Camera, settings: &RenderSettings, level: Lev
     renderer.render(scene, camera, settings, &()).unwrap();
     // The renderer's own distances are spent by sorting.
     let mut volumes = Records::default();
+    let closing = Closing::new(scene, camera, settings, &renderer.visible[1]).unwrap();
     let view = SceneView {
         scene,
         camera,
         settings,
         shaders: &renderer.shaders,
-        closing: Closing::Centers,
+        closing,
         looked: None,
         tile_side: 16,
         level,
@@ -446,7 +451,7 @@ fn compare(scene: &Scene, camera: &Camera, settings: &RenderSettings, level: Lev
     let all: Vec<u32> = (0..renderer.visible[1].len() as u32).collect();
     volumes.append(&view, &renderer.visible[1], &all);
     let records = [&renderer.surfaces.records, &volumes];
-    let specification = Specification::new(records, (camera, settings), &renderer.depth_tolerances);
+    let specification = Specification::new(records, (camera, settings, closing), &renderer.depth_tolerances);
     let frame = &renderer.frame;
     let (mut worst, mut share, mut seen, mut doubtful) = (0.0_f64, 0.0_f64, 0, 0);
     let (mut failure, mut failed) = (None, 0);

@@ -100,6 +100,32 @@ fn pictures_keep_the_tolerance_with_fewer_splats() {
 }
 
 #[test]
+fn levels_for_a_tolerance_keep_it() {
+    // Where errors fade slowly, as those of bends do, more is merged than by levels for 1/255, whose filters count as wider by the root.
+    for (name, cloud) in [("ball", ball(64)), ("sphere", striped(150_000))] {
+        for (distance, levels) in [(40.0, 8.0), (40.0, 16.0), (80.0, 4.0)] {
+            let tolerance = levels / 255.0;
+            let own = Cloud::new(cloud.splats()).unwrap().with_levels_for(tolerance);
+            let camera = looking_from(DVec3::new(0.3, 0.5, -0.8).normalize() * distance, 400);
+            let settings = RenderSettings { tolerance, ..RenderSettings::default() };
+            let [(off, _), (on, drawn)] = both(&own, &camera, settings);
+            let (_, usual) = draw_with(&cloud, &camera, settings);
+            let [most, _] = errors(&on, &off);
+            println!(
+                "{name} from {distance}, {levels}/255: {drawn}, with levels for 1/255 {usual}, {most:.1e}"
+            );
+            assert!(most <= tolerance, "{name} from {distance}, {levels}/255: off by {most}");
+            assert!(name != "sphere" || drawn < usual, "{name} from {distance}: {drawn}, not below {usual}");
+            // And in a finer picture than they are for.
+            let finer = RenderSettings { tolerance: tolerance / 4.0, ..settings };
+            let [(off, _), (on, _)] = both(&own, &camera, finer);
+            let [most, _] = errors(&on, &off);
+            assert!(most <= finer.tolerance, "{name} from {distance}, {levels}/255 / 4: off by {most}");
+        }
+    }
+}
+
+#[test]
 fn far_clouds_keep_their_light() {
     for (name, cloud) in [("ball", ball(48)), ("sphere", striped(100_000))] {
         for i in 0..12 {

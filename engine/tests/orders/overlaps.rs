@@ -124,6 +124,29 @@ fn the_order_of_input_changes_nothing() {
 }
 
 #[test]
+fn shells_are_as_right_as_sorted_centers() {
+    let camera = scenes::looking_from(DVec3::new(1.0, 2.0, -20.0), 24);
+    let thin = Order::Shells { thickness: 1e-3 };
+    for extinction in [0.3, 1.0, 3.0] {
+        let cloud =
+            haze(8, 0.25, extinction).transformed(scenes::tilted(10.0, DVec3::new(0.123, 0.057, 0.0)));
+        let settings = nothing_but(Order::Centers);
+        let r1 = truth(std::slice::from_ref(&cloud), &camera, &settings);
+        let sorted = draw(vec![cloud.clone()], &camera, &settings);
+        let of_sorted = apart(&sorted, &r1).mean_error;
+        for cloud in [cloud.clone(), reversed(&cloud)] {
+            let found = draw(vec![cloud.clone()], &camera, &nothing_but(Order::Shells { thickness: 1.0 }));
+            let of_shells = apart(&found, &r1).mean_error;
+            println!("extinction {extinction}: {of_shells:.5}, sorted centres {of_sorted:.5}");
+            assert!(apart(&found, &sorted).max_error > 0.0, "nothing is in another order");
+            assert!(of_shells <= 1.25 * of_sorted, "extinction {extinction}: {of_shells}, not {of_sorted}");
+            let found = draw(vec![cloud], &camera, &nothing_but(thin));
+            assert_eq!(apart(&found, &sorted).max_error, 0.0, "thin shells");
+        }
+    }
+}
+
+#[test]
 fn layers_of_thin_fog_add_up() {
     // Discs of σ = 1, ten pixels, that the filter widens.
     let camera = parallel(4);

@@ -114,7 +114,7 @@ impl WideProjector<'_> {
                 of_point = along.variance.sqrt().mul_add(splat(simd, 0.8 / slabs.thickness()), of_point);
             }
             Closing::PerPixel => of_point = splat(simd, f32::INFINITY),
-            Closing::Centers | Closing::Sheets(_) => {}
+            Closing::Centers { .. } | Closing::Sheets(_) => {}
         }
         (of_point.simd_le(share), exact)
     }
