@@ -119,7 +119,7 @@ pub fn methods(scene: &Scene, settings: &RenderSettings, settled: &RenderSetting
     let fixed = RenderSettings { level_of_detail: false, ..*settings };
     let orders: Vec<Order> = if has_kernels {
         let slabs = |thickness| Order::Slabs { thickness };
-        let shells = Order::Shells { thickness: 1.0 };
+        let shells = Order::Shells { thickness: 0.5 };
         [Order::Centers, shells, Order::PerPixel].into_iter().chain(THICKNESSES.map(slabs)).collect()
     } else {
         vec![settings.order]

@@ -8,7 +8,6 @@ mod tiles;
 use crate::bin::TileLists;
 use crate::camera::Camera;
 use crate::closing::Closing;
-use crate::columns::Kind;
 use crate::composite::{Compositor, lead};
 use crate::cull::{VisibleRange, find_affordable, touched_pixels};
 use crate::cuts::KeptCuts;
@@ -294,7 +293,7 @@ impl Renderer {
                 lens: KernelLens {
                     lens,
                     near,
-                    cutoffs: [settings.cutoff_of(&Kind::Extinction), settings.cutoff].map(|end| end as f32),
+                    cutoff: settings.cutoff as f32,
                     least_alpha: settings.least_opacity() as f32,
                     closing,
                     is_taylor: settings.baseline == Some(Baseline::Taylor),

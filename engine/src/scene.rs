@@ -157,9 +157,7 @@ pub struct RenderSettings {
     pub background: [f32; 4],
     /// The largest error of a channel that is aimed at; shared out between the stages.
     pub tolerance: f64,
-    /// Squared Mahalanobis radius ρ at which kernels are cut off, at least 0. Those of extinctions keep their mass and, in part, their
-    /// variance: with λ = e^{−ρ/2}, the share of the mass that is cut off, what is left is drawn 1/(1 − λ) times as dense, and with 1 + 2λ
-    /// times its covariance before it is cut off at the same place. [`crate::settle()`] may find another radius.
+    /// Squared Mahalanobis radius at which kernels are cut off; their mass is renormalised. [`crate::settle()`] may find another.
     pub cutoff: f64,
     /// Squared Mahalanobis radius at which surfels end, to references too: it is a part of what they are.
     pub outline: f64,
@@ -186,18 +184,9 @@ impl RenderSettings {
         self.cutoff.max(self.outline)
     }
 
-    /// The squared Mahalanobis radius at which splats of a kind end, [widened](Self::widening_of).
+    /// The squared Mahalanobis radius at which splats of a kind end.
     pub(crate) fn cutoff_of(&self, kind: &Kind) -> f64 {
-        let end = if matches!(kind, Kind::Surface(_)) { self.outline } else { self.cutoff };
-        end / self.widening_of(kind)
-    }
-
-    /// What covariances of a kind, the filter's included, are drawn larger by.
-    ///
-    /// A kernel without its ends is narrower than it was, and a field of such kernels has steeper borders. Without them, but with its
-    /// mass, its peak is too high by the share λ of the mass that they have; widened by 2λ it is too low by as much.
-    pub(crate) fn widening_of(&self, kind: &Kind) -> f64 {
-        if matches!(kind, Kind::Extinction) { 1.0 + 2.0 * (-0.5 * self.cutoff).exp() } else { 1.0 }
+        if matches!(kind, Kind::Surface(_)) { self.outline } else { self.cutoff }
     }
 
     /// Opacities below this are left out: several kernels end in a pixel, and what they lack together is to stay within the tolerance.

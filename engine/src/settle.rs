@@ -25,7 +25,7 @@ const SHARE_OF_ENDS: f64 = 0.5;
 const TRUTH_OF_ENDS: f64 = 0.125;
 
 /// Where they may end, nearer than usual. Windows may miss most of the few pixels that still nearer ends change.
-const NEARER: [f64; 3] = [11.0, 10.0, 9.0];
+const NEARER: f64 = 9.0;
 
 /// Fewer pixels that show anything tell nothing of that.
 const LEAST_SHOWN: usize = 100;
@@ -52,8 +52,9 @@ const WAYS: [(Order, FootprintForm); 11] = [
 
 const FINE: Order = slabs(0.5);
 
-/// Where there are opacities, sorted centres instead: they are defined by their order.
-const SHELLS: Order = Order::Shells { thickness: 1.0 };
+/// Sorted centres instead where there are opacities, which are defined by their order, or several clouds of kernels: of two that overlap
+/// one would come first in every shell.
+const SHELLS: Order = Order::Shells { thickness: 0.5 };
 
 /// And where less than a level of 255 is asked for.
 const FINER: [(Order, FootprintForm); 2] =
@@ -66,8 +67,8 @@ const FINER: [(Order, FootprintForm); 2] =
 /// is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Kernels are drawn
 /// to where opacities end; then the way that is taken is drawn with nearer ends: with [`RenderSettings::cutoff`], which is kept
 /// if 99 % of the pixels that show anything differ by at most half of the tolerance from the finest way drawn at an eighth of it
-/// (way, levels and ends are judged together), and then, where that is what it is by default, with 11, 10 and 9. The picture is then
-/// drawn with what this gives, as often as is wanted: nothing changes from frame to frame.
+/// (way, levels and ends are judged together), and then, where that is what it is by default, with 9. The picture is then drawn
+/// with what this gives, as often as is wanted: nothing changes from frame to frame.
 ///
 /// An order or a form that is not left to the engine stays as it is; with both, all does. Kernels with opacities alone keep the
 /// order that defines them and the forms that their bounds ask for; there is nothing to try, but they are cut off by their opacity
@@ -107,14 +108,13 @@ pub fn settle(
     }
     let shown = truth.iter().filter(|pixel| **pixel != empty).count();
     let is_left_open = usual.cutoff == RenderSettings::default().cutoff && shown >= LEAST_SHOWN;
-    let nearer = NEARER.into_iter().filter(|_| is_left_open);
-    let ends = std::iter::once(usual.cutoff).chain(nearer).filter(|end| has_kernels && *end < far.cutoff);
-    let ends: Vec<f64> = ends.collect();
+    let nearer = [Some(usual.cutoff), is_left_open.then_some(NEARER)].into_iter().flatten();
+    let nearer: Vec<f64> = nearer.filter(|nearer| has_kernels && *nearer < far.cutoff).collect();
     let mut cutoff = far.cutoff;
-    if !ends.is_empty() {
+    if !nearer.is_empty() {
         let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * usual.tolerance, ..usual };
         let stricter = trial.drawn(&with_far_ends(&strict), *last)?;
-        for nearer in ends {
+        for nearer in nearer {
             let found = trial.drawn(&RenderSettings { cutoff: nearer, ..usual }, taken)?;
             if error([&stricter, &found], empty, 0.99) > SHARE_OF_ENDS * usual.tolerance {
                 break;
@@ -142,11 +142,13 @@ fn ways(scene: &Scene, settings: &RenderSettings) -> Vec<(Order, FootprintForm)>
         Order::Auto => None,
         order => Some(order),
     };
+    let kernels = || scene.clouds.iter().filter(|cloud| !cloud.is_surface());
+    let needs_centers = scene.has_opacities() || kernels().count() > 1;
     let mut ways = Vec::new();
     let finer = FINER.into_iter().filter(|_| settings.tolerance < 1.0 / 255.0);
     for (own, form) in WAYS.into_iter().chain(finer) {
         let form = if settings.footprint == FootprintForm::Auto { form } else { settings.footprint };
-        let own = if own == SHELLS && scene.has_opacities() { Order::Centers } else { own };
+        let own = if own == SHELLS && needs_centers { Order::Centers } else { own };
         let way = (order.unwrap_or(own), form);
         if !ways.contains(&way) {
             ways.push(way);

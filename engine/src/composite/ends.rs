@@ -5,7 +5,6 @@ use super::Compositor;
 use super::coming::Coming;
 use crate::camera::Projection;
 use crate::closing::Closing;
-use crate::columns::Kind;
 use crate::cull::VisibleRange;
 use crate::cuts::Cuts;
 use crate::footprint::Record;
@@ -39,8 +38,7 @@ pub(crate) fn lead(ranges: &[VisibleRange], settings: &RenderSettings, projectio
     }
     let distances = ranges.iter().flat_map(|range| range.distances.map(|d| f64::from(d).abs()));
     let farthest = distances.fold(0.0, f64::max);
-    let widening = settings.widening_of(&Kind::Extinction);
-    let before_center = (1.0 + KERNEL_REACH * KERNEL_REACH * widening / settings.farthest_end()).sqrt();
+    let before_center = (1.0 + KERNEL_REACH * KERNEL_REACH / settings.farthest_end()).sqrt();
     // Distances in lists are equal that agree to 2⁻¹⁶ of their range.
     ((10.0 / 9.0 + before_center) * reach + 1e-4 * farthest) as f32
 }
@@ -178,7 +176,7 @@ mod tests {
             let lens = KernelLens {
                 lens,
                 near: camera.near() as f32,
-                cutoffs: [settings.cutoff_of(&Kind::Extinction), cutoff].map(|end| end as f32),
+                cutoff: cutoff as f32,
                 least_alpha: settings.least_opacity() as f32,
                 closing,
                 is_taylor: false,

@@ -57,8 +57,6 @@ pub(super) struct Projector<'a> {
     pub(super) view: View<'a>,
     pub(super) cloud_to_camera: DAffine3,
     pub(super) camera_to_cloud: DAffine3,
-    /// The linear part of that for half-axes, which are [widened](RenderSettings::widening_of), as the lens's filter is.
-    pub(super) axes_to_camera: DMat3,
     pub(super) normal_to_camera: DMat3,
     pub(super) determinant: f64,
     /// Of a surface that is closed for the viewer only what faces that viewer is seen.
@@ -73,11 +71,8 @@ impl<'a> Projector<'a> {
         (cloud, level): (&'a Cloud, usize),
         cloud_index: u16,
         shader: &'a Shader,
-        mut view: View<'a>,
+        view: View<'a>,
     ) -> Self {
-        let columns = &cloud.levels()[level].columns;
-        let widening = view.settings.widening_of(&columns.kind).sqrt();
-        view.lens.low_pass *= widening;
         let cloud_to_camera = view.camera.pose().world_to_camera * cloud.cloud_to_world();
         let linear = cloud_to_camera.matrix3;
         let determinant = linear.determinant().abs();
@@ -92,13 +87,12 @@ impl<'a> Projector<'a> {
         let is_perspective = view.lens.projection == Projection::Perspective;
         Self {
             levels: cloud.levels(),
-            columns,
+            columns: &cloud.levels()[level].columns,
             cloud_index,
             shader,
             view,
             cloud_to_camera,
             camera_to_cloud,
-            axes_to_camera: linear * widening,
             normal_to_camera,
             determinant,
             hides_backs: cloud.is_closed_for(&camera_to_cloud, is_perspective),
@@ -113,7 +107,7 @@ impl<'a> Projector<'a> {
         let factor_in_cloud = splats.factor(index);
         let splat = CameraSplat {
             center: self.cloud_to_camera.transform_point3(splats.center(index).as_dvec3()),
-            factor: self.axes_to_camera * factor_in_cloud.as_dmat3(),
+            factor: self.cloud_to_camera.matrix3 * factor_in_cloud.as_dmat3(),
         };
         let perspective = lens.projection == Projection::Perspective;
         let geometric_normal = (self.normal_to_camera * axis_normal(factor_in_cloud)).normalize_or_zero();

@@ -30,9 +30,9 @@ pub(crate) const KERNEL_REACH: f64 = 1.25 * REACH as f64;
 pub(crate) struct KernelLens {
     pub(crate) lens: Lens,
     pub(crate) near: f32,
-    /// Where r ends, of kernels of kind `Extinction` and `Opacity`.
-    pub(crate) cutoffs: [f32; 2],
-    /// `Opacity` kernels end where they fall below this, too.
+    /// Where r ends.
+    pub(crate) cutoff: f32,
+    /// `Opacity` kernels end where they fall below this.
     pub(crate) least_alpha: f32,
     pub(crate) closing: Closing,
     /// Whether opacities are taken to be optical depths.
@@ -212,12 +212,12 @@ impl Kernels {
         };
         self.plain |= is_plain.to_bitmask() << first;
         // An opacity that is not seen at all was dropped: the logarithm is positive.
-        let [end, most] = lens.cutoffs.map(|cutoff| W::simd_from(simd, cutoff * HALF_LOG2_E));
+        let end = W::simd_from(simd, lens.cutoff * HALF_LOG2_E);
         let least = W::simd_from(simd, lens.least_alpha.max(f32::MIN_POSITIVE));
         let own =
             log2(simd, opacity.select(amplitude, least) * (1.0 / lens.least_alpha.max(f32::MIN_POSITIVE)))
                 .max(zero);
-        let end = opacity.select(own.min(most), end);
+        let end = opacity.select(own.min(end), end);
         end.store_slice(&mut self.outlines.end[range.clone()]);
         (-end).store_slice(&mut self.least[range.clone()]);
         // Σ_zz is σ_z² and what the slope of the depth adds over the footprint, |M⁻ᵀ slope|².

@@ -6,7 +6,7 @@ use super::*;
 use crate::camera::{Pose, Projection};
 use crate::closed::Closed;
 use crate::cloud::{Cloud, Material, OpacityFilter, Shapes, Splats, Strength, Surface, oblate_factor};
-use crate::columns::{self, LANES};
+use crate::columns::LANES;
 use crate::footprint::{Form, Kind, Record, Rect};
 use crate::order::Keys;
 use crate::scene::{FootprintForm, Order};
@@ -246,7 +246,7 @@ impl<'a> Specification<'a> {
     /// - sums and means of layers are right to 2e-5.
     fn runs(&self, pixel: [usize; 2], cuts: &[SpecifiedCut]) -> (Vec<(DVec3, f64)>, f64) {
         let center = DVec2::new(pixel[0] as f64, pixel[1] as f64) + 0.5;
-        let near = self.camera.near();
+        let (cutoff, near) = (self.settings.cutoff, self.camera.near());
         let mut runs = vec![(DVec3::ZERO, 1.0); cuts.len() + 1];
         let mut bound = 2e-5;
         for place in &self.volume_order {
@@ -260,10 +260,6 @@ impl<'a> Specification<'a> {
             }
             let u = center - DVec2::from(record.mean.map(f64::from));
             let Hit { r, z, sigma_z, scale, doubt } = hit(record, u);
-            let cutoff = match record.tag.kind {
-                Kind::Extinction => self.settings.cutoff_of(&columns::Kind::Extinction),
-                _ => self.settings.cutoff,
-            };
             let is_doubtful = (r - cutoff).abs() <= 4e-4 + doubt;
             if r > cutoff && !is_doubtful {
                 continue;

@@ -2,7 +2,6 @@
 
 use super::setups::Setup;
 use crate::camera::Projection;
-use crate::columns::Kind;
 use crate::footprint::scalar::Projector;
 use crate::footprint::{CameraSplat, Footprint, Form, Lens, Projected};
 use glam::{DVec3, Vec3};
@@ -167,7 +166,7 @@ pub(super) fn compare(
         )?;
     }
     compare_looks(setup, projector, (splat, index, *extent), (a, b))?;
-    compare_rects((setup, &projector.columns.kind), (&footprint, &bounds, ratio), (a, b))
+    compare_rects(setup, (&footprint, &bounds, ratio), (a, b))
 }
 
 fn scalar_normal(projector: &Projector, index: usize) -> DVec3 {
@@ -213,11 +212,11 @@ fn compare_looks(
 
 /// Rectangles differ by a pixel, or by what the exact form makes of rounding where the kernel nears the camera plane.
 fn compare_rects(
-    (setup, kind): (&Setup, &Kind),
+    setup: &Setup,
     (footprint, bounds, ratio): (&Footprint, &Bounds, f64),
     (a, b): (&Projected, &Projected),
 ) -> Result<(), String> {
-    let mut cutoff = setup.settings.cutoff_of(kind);
+    let mut cutoff = if setup.kind >= 2 { setup.settings.outline } else { setup.settings.cutoff };
     if setup.kind == 1 {
         cutoff =
             cutoff.min(2.0 * (f64::from(b.record.amplitude) / setup.settings.least_opacity()).ln()).max(0.0);

@@ -87,7 +87,7 @@ fn check(setup: &Setup, splats: &[Seen]) -> Result<(), TestCaseError> {
         for (index, found) in shown.iter().enumerate() {
             let splat = CameraSplat {
                 center: projector.cloud_to_camera.transform_point3(cloud.center(index).as_dvec3()),
-                factor: projector.axes_to_camera * cloud.factor(index).as_dmat3(),
+                factor: projector.cloud_to_camera.matrix3 * cloud.factor(index).as_dmat3(),
             };
             // What is rounded on the way to the centre.
             let from_middle = f64::from((cloud.center(index) - middle).length()) * scale;

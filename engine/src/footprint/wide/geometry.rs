@@ -95,7 +95,7 @@ impl WideProjector<'_> {
                 let [a, b, c, d, e, f] = *flat.block(block);
                 [[a, b, c], [d, e, f], *through.block(block)].each(
                     #[inline(always)]
-                    |column| Self::transform(simd, &self.axes_to_camera, lanes(simd, column)),
+                    |column| Self::transform(simd, &self.to_camera, lanes(simd, column)),
                 )
             }
         }

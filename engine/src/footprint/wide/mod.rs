@@ -26,9 +26,8 @@ pub(super) struct WideProjector<'a> {
     perspective: bool,
     focal: [f32; 2],
     principal: [f32; 2],
-    /// The linear part of cloud to camera, the same for half-axes, and its cofactors with the sign of its determinant.
+    /// The linear part of cloud to camera, and its cofactors with the sign of its determinant.
     to_camera: Rows,
-    axes_to_camera: Rows,
     normal_to_camera: Rows,
     /// The half-axes of all splats in camera space, where they share them.
     shared_axes: Rows,
@@ -82,10 +81,9 @@ impl<'a> WideProjector<'a> {
             focal: lens.focal.as_vec2().to_array(),
             principal: lens.principal.as_vec2().to_array(),
             to_camera: rows(linear),
-            axes_to_camera: rows(scalar.axes_to_camera),
             normal_to_camera: rows(scalar.normal_to_camera),
             shared_axes: match scalar.columns.factors {
-                Factors::Shared(factor) => rows((scalar.axes_to_camera * factor.as_dmat3()).transpose()),
+                Factors::Shared(factor) => rows((linear * factor.as_dmat3()).transpose()),
                 Factors::Each { .. } => Rows::default(),
             },
             handedness: linear.determinant().signum() as f32,
