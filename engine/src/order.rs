@@ -44,7 +44,7 @@ impl Run {
 /// Numbers of 22 bits that sort as distances do.
 ///
 /// Bits of a positive number sort as it does, and tell it to a share of itself; distances of any sign are moved to where
-/// that is the same share of all. Added to, 2²³ times a power of two holds multiples of that power in its lowest bits.
+/// that is the same share of all. Or they are told apart by a power of two: added to, 2²³ times that holds its multiples in its lowest bits.
 #[derive(Clone, Copy)]
 pub(crate) struct Keys {
     offset: f32,

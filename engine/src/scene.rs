@@ -100,8 +100,8 @@ pub enum Order {
     Centers,
     /// The same but for what is about as far away: after each kernel, shell by shell around the eye, and within a shell in the order that
     /// splats have in memory, which keeps neighbours together. Which of two kernels comes first that overlap so far is wrong by about as
-    /// much either way: in a haze of all colours shells of σ are 8 % farther from R1 than [`Self::Centers`]. Lists are sorted and read in less
-    /// time. Kernels that are defined by their order should have [`Self::Centers`].
+    /// much either way: in a haze of all colours shells of σ are 8 % farther from R1 than [`Self::Centers`]. But of several clouds one comes first
+    /// in every shell. Lists are sorted and read in less time. Kernels that are defined by their order should have [`Self::Centers`].
     Shells {
         /// In σ of kernels, as slabs have it, above 0; shells are thinner by up to a half, since powers of two are quick.
         thickness: f64,

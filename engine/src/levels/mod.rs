@@ -71,8 +71,8 @@ impl Level {
     }
 }
 
-/// The factor by which filters count as larger at another tolerance than that which the needs of levels are for: errors fade with 1/σ at
-/// least, and most of them with 1/σ³.
+/// The factor by which filters count as larger at another tolerance than that which the needs of levels are for: what fades of errors fades
+/// with 1/σ at least, and much of it with 1/σ³.
 pub(crate) fn allowance(levels: &[Level], tolerance: f64) -> f64 {
     let ratio = levels.last().map_or(1.0, |level| tolerance / level.tolerance);
     if ratio > 1.0 { ratio.sqrt() } else { ratio }
