@@ -106,11 +106,11 @@ pub fn settle(
             break;
         }
     }
+    let mut cutoff = far.cutoff;
     let shown = truth.iter().filter(|pixel| **pixel != empty).count();
     let is_left_open = usual.cutoff == RenderSettings::default().cutoff && shown >= LEAST_SHOWN;
     let nearer = [Some(usual.cutoff), is_left_open.then_some(NEARER)].into_iter().flatten();
-    let nearer: Vec<f64> = nearer.filter(|nearer| has_kernels && *nearer < far.cutoff).collect();
-    let mut cutoff = far.cutoff;
+    let nearer: Vec<f64> = nearer.filter(|nearer| has_kernels && *nearer < cutoff).collect();
     if !nearer.is_empty() {
         let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * usual.tolerance, ..usual };
         let stricter = trial.drawn(&with_far_ends(&strict), *last)?;
