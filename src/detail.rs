@@ -45,7 +45,7 @@ fn small_splats(
     samples: usize,
 ) -> usize {
     let settings = &drawing.settings;
-    // Most needs fall with the tolerance itself.
+    // With this power of the tolerance most needs fall, see `Cloud::with_levels_for`.
     let filter = settings.low_pass.sqrt() * (255.0 * settings.tolerance).powf(0.8);
     let lens = Lens::new(camera, settings.low_pass);
     let to_camera = camera.pose().world_to_camera * place * cloud.cloud_to_world();

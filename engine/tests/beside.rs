@@ -76,15 +76,13 @@ fn a_part_is_what_the_whole_is_there() {
     };
     let kinds = [(around(false), false), (around(true), true), (before(false), false), (before(true), true)];
     let scenes = kinds.map(|(clouds, is_surface)| (Scene { clouds, lights: Vec::new() }, is_surface));
+    // Where shells end doesn't go by what else is seen.
+    let forms = [FootprintForm::Auto, FootprintForm::Point, FootprintForm::Affine, FootprintForm::Exact];
+    let in_shells = (FootprintForm::Auto, Order::Shells { thickness: 1.0 });
     for (camera, (scene, is_surface)) in
         cameras.iter().flat_map(|camera| scenes.each_ref().map(|s| (camera, s)))
     {
-        for footprint in
-            [FootprintForm::Auto, FootprintForm::Point, FootprintForm::Affine, FootprintForm::Exact]
-        {
-            // Where shells end doesn't go by what else is seen.
-            let is_exact = footprint == FootprintForm::Exact;
-            let order = if is_exact { Order::Shells { thickness: 1.0 } } else { Order::Centers };
+        for (footprint, order) in forms.map(|form| (form, Order::Centers)).into_iter().chain([in_shells]) {
             let settings = RenderSettings {
                 footprint,
                 order,
