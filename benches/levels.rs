@@ -36,8 +36,8 @@ fn camera(eye: DVec3, target: DVec3) -> Camera {
     Camera::perspective(pose, 30f64.to_radians(), [1024; 2]).expect("the size is in range")
 }
 
-fn surfels() -> Cloud {
-    Cloud::new(torus_and_sphere(1_000_000).in_morton_order()).expect("the numbers are finite")
+fn surfels(count: usize) -> Cloud {
+    Cloud::new(torus_and_sphere(count).in_morton_order()).expect("the numbers are finite")
 }
 
 fn draw(criterion: &mut Criterion, [group, name]: [&str; 2], scene: &Scene, view: (&Camera, RenderSettings)) {
@@ -76,7 +76,7 @@ fn building(criterion: &mut Criterion) {
     };
     let mut group = criterion.benchmark_group("building");
     group.sample_size(10);
-    let cloud = LazyCell::new(surfels);
+    let cloud = LazyCell::new(|| surfels(1_000_000));
     group.bench_function("1 M surfels", |bencher| {
         bencher.iter_batched(|| cloud.clone(), Cloud::with_levels, BatchSize::PerIteration);
     });
@@ -101,11 +101,37 @@ fn crowd(cloud: &Cloud, side: u32) -> Scene {
     Scene { clouds, lights: Vec::new() }
 }
 
-/// 1, 8 and 64 million splats in one view, at twice the usual tolerance.
+/// Twice the usual one.
+const TOLERANCE: f64 = 2.0 / 255.0;
+
+/// From afar enough to see all of a box.
+fn overview([low, high]: [DVec3; 2]) -> Camera {
+    let (middle, size) = ((low + high) / 2.0, (high - low).length());
+    camera(middle + DVec3::new(1.2, -1.5, 1.05).normalize() * size * 1.9, middle)
+}
+
+/// One surface in 1, 8 and 64 million samples.
+fn finer(criterion: &mut Criterion) {
+    for millions in [1, 8, 64] {
+        let scene = LazyCell::new(|| {
+            let cloud = surfels(millions * 1_000_000).with_levels_for(TOLERANCE);
+            Scene { clouds: vec![cloud], lights: Vec::new() }
+        });
+        let camera = LazyCell::new(|| overview(scene.clouds[0].bounds().expect("it has splats")));
+        let name = format!("{millions} M");
+        draw(
+            criterion,
+            ["a surface in ever finer samples", &name],
+            &scene,
+            (&camera, settings(TOLERANCE, true)),
+        );
+    }
+}
+
+/// 1, 8 and 64 copies in one view.
 fn growth(criterion: &mut Criterion) {
     type Make = fn() -> Cloud;
-    const TOLERANCE: f64 = 2.0 / 255.0;
-    let with_levels: Make = || surfels().with_levels_for(TOLERANCE);
+    let with_levels: Make = || surfels(1_000_000).with_levels_for(TOLERANCE);
     let volume: Make = || kernels(&volume(ENGINE), GLASS).with_levels_for(TOLERANCE);
     for (group, make, is_there) in
         [("crowd of surfels", with_levels, true), ("crowd of volumes", volume, data(ENGINE).is_file())]
@@ -125,10 +151,7 @@ fn growth(criterion: &mut Criterion) {
                     .reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
                     .expect("it has splats")
             });
-            let camera = LazyCell::new(|| {
-                let (middle, size) = ((bounds[0] + bounds[1]) / 2.0, (bounds[1] - bounds[0]).length());
-                camera(middle + DVec3::new(1.2, -1.5, 1.05).normalize() * size * 1.9, middle)
-            });
+            let camera = LazyCell::new(|| overview(*bounds));
             draw(criterion, [group, &name], &scene, (&camera, settings(TOLERANCE, true)));
         }
     }
@@ -155,5 +178,5 @@ fn minified(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, building, growth, minified);
+criterion_group!(benches, building, finer, growth, minified);
 criterion_main!(benches);
