@@ -6,7 +6,7 @@
 #[expect(dead_code, reason = "the works of the other benchmarks are not drawn here")]
 mod common;
 
-use common::surfels::torus_and_sphere;
+use common::surfels::{Place, on_torus, surfels as samples, torus_and_sphere};
 use common::volumes::{ENGINE, GLASS, data, kernels, volume};
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
@@ -15,6 +15,7 @@ use oblate::engine::{
     Splats, Strength,
 };
 use std::cell::LazyCell;
+use std::f32::consts::TAU;
 use std::sync::Mutex;
 
 /// What the last frame drew.
@@ -36,9 +37,31 @@ fn camera(eye: DVec3, target: DVec3) -> Camera {
     Camera::perspective(pose, 30f64.to_radians(), [1024; 2]).expect("the size is in range")
 }
 
-fn surfels(count: usize) -> Cloud {
-    Cloud::new(torus_and_sphere(count).in_morton_order()).expect("the numbers are finite")
+fn surfels() -> Cloud {
+    Cloud::new(torus_and_sphere(1_000_000).in_morton_order()).expect("the numbers are finite")
 }
+
+/// A torus and a sphere in samples that are about evenly apart (the sequence R2 of M. Roberts, *The Unreasonable Effectiveness of
+/// Quasirandom Sequences*, 2018), each as large as its share of the surface asks for: without holes, as surfels of meshes and
+/// iso-surfaces are.
+fn even_torus_and_sphere(count: usize) -> Splats {
+    let places = (0..count).map(|i| {
+        let [a, b] =
+            [0.754_877_666_246_692_7, 0.569_840_290_998_053_2].map(|step| (i / 2) as f64 * step % 1.0);
+        if i % 2 == 0 {
+            return Place::Torus([a, b].map(|turn| turn as f32 * TAU));
+        }
+        let (sin, cos) = (a as f32 * TAU).sin_cos();
+        let z = (2.0 * b - 1.0) as f32;
+        let across = (1.0 - z * z).sqrt();
+        Place::Sphere(Vec3::new(across * cos, across * sin, z))
+    });
+    let widest = 2.0 * EVEN_SIGMA * (1.35 * on_torus(count)).sqrt();
+    samples(places.collect(), |area| EVEN_SIGMA * area.sqrt(), (widest, 0.9))
+}
+
+/// In roots of a surfel's share of the surface.
+const EVEN_SIGMA: f32 = 0.8;
 
 fn draw(criterion: &mut Criterion, [group, name]: [&str; 2], scene: &Scene, view: (&Camera, RenderSettings)) {
     let (camera, settings) = view;
@@ -76,7 +99,7 @@ fn building(criterion: &mut Criterion) {
     };
     let mut group = criterion.benchmark_group("building");
     group.sample_size(10);
-    let cloud = LazyCell::new(|| surfels(1_000_000));
+    let cloud = LazyCell::new(surfels);
     group.bench_function("1 M surfels", |bencher| {
         bencher.iter_batched(|| cloud.clone(), Cloud::with_levels, BatchSize::PerIteration);
     });
@@ -114,7 +137,8 @@ fn overview([low, high]: [DVec3; 2]) -> Camera {
 fn finer(criterion: &mut Criterion) {
     for millions in [1, 8, 64] {
         let scene = LazyCell::new(|| {
-            let cloud = surfels(millions * 1_000_000).with_levels_for(TOLERANCE);
+            let splats = even_torus_and_sphere(millions * 1_000_000).in_morton_order();
+            let cloud = Cloud::new(splats).expect("the numbers are finite").with_levels_for(TOLERANCE);
             Scene { clouds: vec![cloud], lights: Vec::new() }
         });
         let camera = LazyCell::new(|| overview(scene.clouds[0].bounds().expect("it has splats")));
@@ -131,7 +155,7 @@ fn finer(criterion: &mut Criterion) {
 /// 1, 8 and 64 copies in one view.
 fn growth(criterion: &mut Criterion) {
     type Make = fn() -> Cloud;
-    let with_levels: Make = || surfels(1_000_000).with_levels_for(TOLERANCE);
+    let with_levels: Make = || surfels().with_levels_for(TOLERANCE);
     let volume: Make = || kernels(&volume(ENGINE), GLASS).with_levels_for(TOLERANCE);
     for (group, make, is_there) in
         [("crowd of surfels", with_levels, true), ("crowd of volumes", volume, data(ENGINE).is_file())]

@@ -2,6 +2,7 @@
 //! skip, unless `OBLATE_REQUIRE_DATA=1`.
 
 use crate::place::{Workplace, levels};
+use oblate::engine::color::srgb_to_linear;
 use std::path::{Path, PathBuf};
 
 /// What is drawn: ends of paths in the data where there is a dot in them, else beginnings.
@@ -130,6 +131,31 @@ fn a_scene_looks_the_same_in_two_formats_and_much_the_same_in_all_its_levels() {
     // Coarser levels are other splats, trained to look alike from afar: half the number costs about 1.2 times the error. A level in a
     // wrong place, size or colour would be as far off as no scene at all, 35 levels.
     assert!(found.windows(2).all(|pair| pair[0] < pair[1] * 1.01) && found[5] < 20.0, "{found:?} levels");
+}
+
+/// In a scan a pixel's first sample decides which others are of its layer; families that reach through one are not merged.
+#[test]
+fn levels_of_a_scan_keep_the_tolerance() {
+    let Some(root) = data() else { return };
+    let scan = root.join("pointclouds/lone-star.laz");
+    let place = Workplace::new();
+    let draw = |levels_of_detail: &str, name: &str| {
+        // Levels are made where many pictures are drawn.
+        let view =
+            ["render", scan.to_str().unwrap(), "--size", "64x64", "--tolerance", "2/255", "--repeat", "12"];
+        place.run(&[&view[..], &["--quiet", "--level-of-detail", levels_of_detail, "-o", name]].concat());
+        levels(&place.path(name))
+    };
+    let [on, off] = [draw("on", "on.png"), draw("off", "off.png")];
+    let linear = |level: u8| 255.0 * srgb_to_linear(f32::from(level) / 255.0);
+    let apart = |(a, b): (&image::Rgba<u8>, &image::Rgba<u8>)| {
+        a.0.iter().zip(b.0).map(|(a, b)| (linear(*a) - linear(b)).abs()).fold(0.0, f32::max)
+    };
+    let mut errors: Vec<f32> = on.pixels().zip(off.pixels()).map(apart).collect();
+    errors.sort_by(f32::total_cmp);
+    // The tolerance, and half a level each that is rounded, up to 2.3 in linear light.
+    let found = errors[errors.len() * 999 / 1000];
+    assert!(errors[errors.len() - 1] > 0.0 && found < 4.3, "{found} levels");
 }
 
 /// A quarter of the engine's surfels give its picture: at least 40 dB, and 99 % of the pixels within 4 levels.

@@ -94,6 +94,7 @@ impl Merged {
         let covariance = family.covariance();
         let (strength, factor);
         let mut normals;
+        let mut facing = DVec3::ZERO;
         match columns.kind {
             Kind::Extinction => {
                 normals = turned(family, |m| m.normal);
@@ -117,7 +118,8 @@ impl Merged {
                     *normal *= if shape.dot(m.shape_normal) < 0.0 { -1.0 } else { 1.0 };
                 }
                 strength = family.weight * sides.length();
-                factor = facing_factor(covariance, sides.normalize_or(DVec3::Z));
+                facing = sides.normalize_or(DVec3::Z);
+                factor = facing_factor(covariance, facing);
             }
         }
         let mut normal: DVec3 =
@@ -134,7 +136,7 @@ impl Merged {
         } else {
             family.mean(|m| m.color).as_vec3().to_array()
         };
-        let terms = Terms::new(columns, family, (normals, strength));
+        let terms = Terms::new(columns, family, normals, (strength, facing));
         let mut shares = [0.0; CHILDREN];
         shares.iter_mut().zip(family.members()).for_each(|(share, m)| *share = m.share as f32);
         Self {

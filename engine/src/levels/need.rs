@@ -12,7 +12,7 @@
 
 use super::family::{Family, eigenvalues, frobenius_squared, outer};
 use crate::cloud::{Material, OpacityFilter};
-use crate::columns::{CHILDREN, Columns, Kind};
+use crate::columns::{CHILDREN, Columns, Kind, SurfaceKind};
 use glam::{DMat3, DVec3};
 use std::f64::consts::TAU;
 
@@ -30,8 +30,12 @@ const HIDDEN: f64 = 4.0;
 const SHADING: f64 = 0.2;
 /// Of the part of a family's area that its vector area lacks: 1 − |N|/Σa, all of it for the two sides of a thin body.
 const LOST: f64 = 4.0;
-/// Of the part of a bent family that a silhouette loses: √(1 − |N|/Σa) of its length, by 1/σ.
-const BEND: f64 = 8.0;
+/// Of the part of a bent family that a silhouette loses: √(1 − |N|/Σa) of its length, by 1/σ; and by 1 over the coverage floor, since the
+/// lower that is, the steeper outlines are.
+const BEND: f64 = 1.6;
+/// Of how far a family spreads along its normal, in depth tolerances: which samples are of a layer depends on the first of them, and
+/// no distance changes that.
+const LAYER: f64 = 1.0;
 /// Of τ²: what overlaps hides itself, but one splat's opacity is a sum.
 const OVERLAP: f64 = 0.15;
 /// Sub-pixel splats of [`OpacityFilter::Classic`] are not dimmed, so that nothing can stand for them. They are merged only to
@@ -56,11 +60,13 @@ pub(super) struct Terms {
 }
 
 impl Terms {
-    /// Of a family whose merged splat has the given strength; `normals` are the members' for shading, as they are averaged.
+    /// Of a family whose merged splat has the given strength and, if it is of a surface, faces along a unit vector; `normals` are the
+    /// members' for shading, as they are averaged.
     pub(super) fn new(
         columns: &Columns,
         family: &Family,
-        (normals, strength): ([DVec3; CHILDREN], f64),
+        normals: [DVec3; CHILDREN],
+        (strength, facing): (f64, DVec3),
     ) -> Self {
         let is_surface = matches!(columns.kind, Kind::Surface(_));
         let color = family.mean(|m| m.color);
@@ -119,10 +125,12 @@ impl Terms {
             overlap: 0.0,
             factor: 1.0,
         };
-        if is_surface {
+        if let Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, .. }) = columns.kind {
             let lost = (1.0 - strength / family.weight.max(f64::MIN_POSITIVE)).max(0.0);
-            terms.random[0] = LOST * lost;
-            terms.bend = BEND * 2.0 * (trace(family.between) * lost).sqrt();
+            let through = facing.dot(family.between * facing).max(0.0).sqrt();
+            terms.random[0] =
+                LOST * lost + LAYER * (through / f64::from(depth_tolerance).max(f64::MIN_POSITIVE)).min(1.0);
+            terms.bend = BEND / f64::from(coverage_floor) * 2.0 * (trace(family.between) * lost).sqrt();
         } else {
             let hidden = (depth / lateral.max(f64::MIN_POSITIVE)).min(1.0);
             terms.random[0] =
