@@ -32,7 +32,7 @@ const SHADING: f64 = 0.2;
 const LOST: f64 = 4.0;
 /// Of the part of a bent family that a silhouette loses: √(1 − |N|/Σa) of its length, by 1/σ; and by 1 over the coverage floor, since the
 /// lower that is, the steeper outlines are.
-const BEND: f64 = 1.6;
+const BEND: f64 = 1.7;
 /// Of how far a family spreads along its normal, in depth tolerances: which samples are of a layer depends on the first of them, and
 /// no distance changes that.
 const LAYER: f64 = 1.0;
