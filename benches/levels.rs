@@ -10,12 +10,14 @@ use common::surfels::{Place, on_torus, surfels as samples, torus_and_sphere};
 use common::volumes::{ENGINE, GLASS, data, kernels, volume};
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
+use oblate::engine::metrics::{Pixels, compare};
 use oblate::engine::{
     Camera, Channels, Cloud, Counts, Material, Observer, Pose, RenderSettings, Renderer, Scene, Shapes,
     Splats, Strength,
 };
 use std::cell::LazyCell;
 use std::f32::consts::TAU;
+use std::ops::Deref;
 use std::sync::Mutex;
 
 /// What the last frame drew.
@@ -63,12 +65,18 @@ fn even_torus_and_sphere(count: usize) -> Splats {
 /// In roots of a surfel's share of the surface.
 const EVEN_SIGMA: f32 = 0.8;
 
-fn draw(criterion: &mut Criterion, [group, name]: [&str; 2], scene: &Scene, view: (&Camera, RenderSettings)) {
-    let (camera, settings) = view;
+/// Times a picture, whose scene is made then; false where it is not asked for.
+fn draw(
+    criterion: &mut Criterion,
+    [group, name]: [&str; 2],
+    scene: &impl Deref<Target = Scene>,
+    (camera, settings): (&impl Deref<Target = Camera>, RenderSettings),
+) -> bool {
     let mut renderer = Renderer::new();
     let told = Told::default();
     let mut group = criterion.benchmark_group(group);
     group.sample_size(10).bench_function(name, |bencher| {
+        let (scene, camera) = (&**scene, &**camera);
         bencher.iter(|| {
             renderer.render(scene, camera, &settings, &told).expect("it can be drawn");
         });
@@ -80,6 +88,24 @@ fn draw(criterion: &mut Criterion, [group, name]: [&str; 2], scene: &Scene, view
             "    {splats} splats: {culled} culled, {occluded} occluded, {visible} drawn, {merged} of them merged"
         );
     }
+    visible > 0
+}
+
+/// Prints what 99.9 % of the pixels that show anything are off by with levels.
+fn print_error(scene: &Scene, camera: &Camera, tolerance: f64) {
+    let [on, off] = [true, false].map(|level_of_detail| {
+        oblate::engine::render(scene, camera, &settings(tolerance, level_of_detail), &())
+            .expect("it can be drawn")
+            .color
+    });
+    let shown = |color: &[[f32; 4]]| -> Vec<f32> {
+        let pixels = color.iter().zip(&on).zip(&off);
+        pixels.filter(|((_, a), b)| a[3] > 0.0 || b[3] > 0.0).flat_map(|((color, _), _)| *color).collect()
+    };
+    let [a, b] = [shown(&on), shown(&off)];
+    let pixels = |values| Pixels { width: a.len() / 4, height: 1, channels: 4, values };
+    let error = compare(pixels(&a[..]), pixels(&b[..])).expect("it shows something").p999_error;
+    println!("    99.9 % of the pixels are off by {:.2}/255", 255.0 * error);
 }
 
 /// A million splats, and as many in one place as a scan may have.
@@ -142,13 +168,10 @@ fn finer(criterion: &mut Criterion) {
             Scene { clouds: vec![cloud], lights: Vec::new() }
         });
         let camera = LazyCell::new(|| overview(scene.clouds[0].bounds().expect("it has splats")));
-        let name = format!("{millions} M");
-        draw(
-            criterion,
-            ["a surface in ever finer samples", &name],
-            &scene,
-            (&camera, settings(TOLERANCE, true)),
-        );
+        let view = (&camera, settings(TOLERANCE, true));
+        if draw(criterion, ["a surface in ever finer samples", &format!("{millions} M")], &scene, view) {
+            print_error(&scene, &camera, TOLERANCE);
+        }
     }
 }
 
@@ -196,7 +219,7 @@ fn minified(criterion: &mut Criterion) {
                 criterion,
                 [&format!("engine at 1/{zoom}"), name],
                 &scene,
-                (&camera, settings(1.0 / 255.0, levels)),
+                (&&camera, settings(1.0 / 255.0, levels)),
             );
         }
     }
