@@ -6,7 +6,7 @@
 #[expect(dead_code, reason = "the works of the other benchmarks are not drawn here")]
 mod common;
 
-use common::surfels::{Place, on_torus, surfels as samples, torus_and_sphere};
+use common::surfels::{Place, on_torus, surfels_at, torus_and_sphere};
 use common::volumes::{ENGINE, GLASS, data, kernels, volume};
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
@@ -59,7 +59,7 @@ fn even_torus_and_sphere(count: usize) -> Splats {
         Place::Sphere(Vec3::new(across * cos, across * sin, z))
     });
     let widest = 2.0 * EVEN_SIGMA * (1.35 * on_torus(count)).sqrt();
-    samples(places.collect(), |area| EVEN_SIGMA * area.sqrt(), (widest, 0.9))
+    surfels_at(places.collect(), |area| EVEN_SIGMA * area.sqrt(), (widest, 0.9))
 }
 
 /// In roots of a surfel's share of the surface.

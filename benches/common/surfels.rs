@@ -20,7 +20,7 @@ pub(crate) fn torus_and_sphere(count: usize) -> Splats {
         _ => Place::Sphere(random.direction()),
     });
     let radius = 0.006 * (1e6 / count as f32).sqrt();
-    surfels(places.collect(), |_| radius / 2.0, (radius, 0.2))
+    surfels_at(places.collect(), |_| radius / 2.0, (radius, 0.2))
 }
 
 /// The share of one of so many surfels, on the torus in the mean.
@@ -29,7 +29,7 @@ pub(crate) fn on_torus(count: usize) -> f32 {
 }
 
 /// Surfels of a standard deviation by area, and their depth tolerance and coverage floor.
-pub(crate) fn surfels(
+pub(crate) fn surfels_at(
     places: Vec<Place>,
     sigma: impl Fn(f32) -> f32,
     (depth_tolerance, coverage_floor): (f32, f32),

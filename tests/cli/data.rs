@@ -153,7 +153,7 @@ fn levels_of_a_scan_keep_the_tolerance() {
     };
     let mut errors: Vec<f32> = on.pixels().zip(off.pixels()).map(apart).collect();
     errors.sort_by(f32::total_cmp);
-    // The tolerance, and half a level each that is rounded, up to 2.3 in linear light.
+    // That something differs says that levels are drawn. The tolerance, and half a level each that is rounded, up to 2.3 in linear light.
     let found = errors[errors.len() * 999 / 1000];
     assert!(errors[errors.len() - 1] > 0.0 && found < 4.3, "{found} levels");
 }
