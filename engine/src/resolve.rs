@@ -192,9 +192,16 @@ impl Resolver<'_> {
             let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
             let some = all.opacity.simd_gt(zero);
             let inverse = some.select(one / all.opacity, zero);
-            color = color.each(
+            let linear = colors_to_linear(
+                simd,
+                color.each(
+                    #[inline(always)]
+                    |c| c * inverse,
+                ),
+            );
+            color = [0, 1, 2].each(
                 #[inline(always)]
-                |c| some.select(srgb_to_linear(simd, c * inverse) * all.opacity, c),
+                |i| some.select(linear[i] * all.opacity, color[i]),
             );
         }
         let [red, green, blue] = color;

@@ -39,6 +39,9 @@ impl Plane {
     }
 }
 
+/// The first block of each column of a tile's blocks, as bits, by the logarithm of the blocks in a column.
+const FIRST_ROW: [u64; 4] = [0x1, 0x5, 0x1111, 0x0101_0101_0101_0101];
+
 /// A square of pixels at the places that are multiples of its side; the picture may end within it.
 ///
 /// Its blocks follow each other down the columns of blocks. Its pixels may be some of the picture's: every second one of a
@@ -53,7 +56,7 @@ pub(crate) struct Tile {
     pub(crate) size: [usize; 2],
     /// 8, 16 or 32: a power of two, at most [`MAX_SIDE`].
     pub(crate) side: usize,
-    /// Which of the picture's pixels they are: every one, or every second one.
+    /// Which of the picture's pixels they are: every one, or every second one. A power of two.
     pub(crate) step: usize,
 }
 
@@ -91,16 +94,21 @@ impl Tile {
     #[inline(always)]
     pub(crate) fn blocks_of(self, rect: &Rect) -> u64 {
         let side = self.blocks_a_side();
+        // Powers of two: no divisions.
+        let log_step = self.step.trailing_zeros();
         let range = |axis: usize| {
             let place = |pixel: usize| pixel.saturating_sub(self.origin[axis]).min(self.side);
             let [from, to] = [rect.min[axis], rect.max[axis]].map(usize::from);
-            [place(from / self.step) / BLOCK_SIDE, place(to.div_ceil(self.step)).div_ceil(BLOCK_SIDE)]
+            [
+                place(from >> log_step) / BLOCK_SIDE,
+                place((to + self.step - 1) >> log_step).div_ceil(BLOCK_SIDE),
+            ]
         };
         let below = |count: usize| u64::MAX.checked_shr(64 - count as u32).unwrap_or(0);
         let ([left, right], [top, bottom]) = (range(0), range(1));
         let columns = below(right * side) & !below(left * side);
-        let first_row: u64 = (0..side).map(|column| 1 << (column * side)).sum();
-        columns & ((below(bottom) & !below(top)) * first_row)
+        columns
+            & ((below(bottom) & !below(top)) * FIRST_ROW[side.trailing_zeros() as usize % FIRST_ROW.len()])
     }
 
     /// Where a block's first pixel is, from the tile's.

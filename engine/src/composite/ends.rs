@@ -44,10 +44,11 @@ pub(crate) fn lead(ranges: &[VisibleRange], settings: &RenderSettings, projectio
 }
 
 impl Compositor<'_> {
-    /// For each block of a tile the distance of centres from which on kernels lie behind all its cuts.
-    pub(super) fn hidden_from(&self, tile: Tile, cuts: &Cuts) -> [f32; MAX_BLOCKS] {
+    /// For each block of a tile the distance of centres from which on kernels lie behind all its cuts; `None` if no block has any.
+    pub(super) fn hidden_from(&self, tile: Tile, cuts: &Cuts) -> Option<[f32; MAX_BLOCKS]> {
         let longest_ray = self.longest_ray(tile);
-        std::array::from_fn(|block| (cuts.block(block).hidden + self.lead) * longest_ray)
+        let distances = std::array::from_fn(|block| (cuts.block(block).hidden + self.lead) * longest_ray);
+        distances.iter().any(|distance| *distance < f32::INFINITY).then_some(distances)
     }
 
     /// Of those through a tile, with z = 1.
@@ -65,9 +66,10 @@ impl Compositor<'_> {
         &self,
         simd: S,
         (tile, list, coming): (Tile, &[AtomicU32], &Coming),
-        hidden_from: &[f32; MAX_BLOCKS],
+        hidden_from: Option<&[f32; MAX_BLOCKS]>,
     ) -> u64 {
-        let Some(next) = list.first().filter(|_| !coming.has_pieces()) else { return u64::MAX };
+        let next = list.first().filter(|_| !coming.has_pieces());
+        let (Some(hidden_from), Some(next)) = (hidden_from, next) else { return u64::MAX };
         let distance = W::simd_from(simd, self.distance(tile, next.load(Relaxed)));
         (0..MAX_BLOCKS).step_by(16).fold(0, |set, first| {
             let is_hidden = distance.simd_gt(W::from_slice(simd, &hidden_from[first..first + 16]));
@@ -190,8 +192,8 @@ mod tests {
                 let hidden = compositor.distance(tile, 0) / compositor.longest_ray(tile) - lead;
                 let mut kernels = Kernels::NONE;
                 let shows = dispatch!(level, simd => {
-                    let list = records.records[..count].iter();
-                    kernels.fill(simd, (tile, &compositor.lens, hidden), list, |i| &records.rects[i]);
+                    let list: Vec<u32> = (0..count as u32).collect();
+                    kernels.fill(simd, (tile, &compositor.lens, hidden), &list, (&records.records, &records.rects));
                     tile.visible_blocks().filter(|block| kernels.masks.of(*block) != 0).any(|block| {
                         let pixels = pixels(simd, tile.corner_pixel(block));
                         let fragments = kernels.fragments(simd, 0, pixels, (tile, &compositor.lens));

@@ -134,7 +134,8 @@ impl Compositor<'_> {
         let mut list = list.iter();
         let mut open = drawn;
         let hidden_from = self.hidden_from(tile, cuts);
-        let mut seeing = self.seeing(simd, (tile, list.as_slice(), coming), &hidden_from);
+        let hidden_from = hidden_from.as_ref();
+        let mut seeing = self.seeing(simd, (tile, list.as_slice(), coming), hidden_from);
         let mut count = 0;
         while open != 0 {
             open &= seeing;
@@ -156,7 +157,7 @@ impl Compositor<'_> {
                     || self.fetch(simd, (tile, &coming.records), cuts, &mut batches[used]),
                 );
                 used += 1;
-                seeing = self.seeing(simd, (tile, list.as_slice(), coming), &hidden_from);
+                seeing = self.seeing(simd, (tile, list.as_slice(), coming), hidden_from);
             }
             if used == 0 {
                 break;
@@ -202,13 +203,7 @@ impl Compositor<'_> {
     /// Brings records together.
     #[inline(always)]
     fn fetch<S: Simd>(&self, simd: S, (tile, list): (Tile, &[u32]), cuts: &Cuts, kernels: &mut Kernels) {
-        let records = list.iter().map(
-            #[inline(always)]
-            |record| &self.records[*record as usize],
-        );
-        kernels.fill(simd, (tile, &self.lens, cuts.hidden()), records, |number| {
-            &self.rects[list[number] as usize]
-        });
+        kernels.fill(simd, (tile, &self.lens, cuts.hidden()), list, (self.records, self.rects));
     }
 
     /// Adds batches to the runs of a block; gives the number of kernels, and whether the block still sees anything.

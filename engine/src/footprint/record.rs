@@ -1,10 +1,12 @@
 //! What the rasterizer keeps of a splat: single precision, one size for all.
 
 use super::ewa::Footprint;
+use bytemuck::NoUninit;
 use glam::DVec2;
 
 /// How a record's amplitude becomes a fragment or a sample.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, NoUninit)]
+#[repr(u8)]
 pub enum Kind {
     /// Optical depth.
     Extinction,
@@ -15,7 +17,8 @@ pub enum Kind {
 }
 
 /// The form of a record's footprint, from the cheapest on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, NoUninit)]
+#[repr(u8)]
 pub enum Form {
     /// Round and at one distance: see [`Footprint::round`].
     Point,
@@ -36,7 +39,8 @@ impl Form {
 }
 
 /// What a record is besides its numbers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, NoUninit)]
+#[repr(C)]
 pub struct Tag {
     /// The splat's cloud in the scene.
     pub cloud: u16,
@@ -47,7 +51,7 @@ pub struct Tag {
 }
 
 /// A projected splat: one cache line. Offsets u are in pixels from `mean`; see [`Footprint`] for the formulas.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, NoUninit)]
 #[repr(C, align(64))]
 pub struct Record {
     /// The projected centre in pixels.
@@ -69,6 +73,14 @@ pub struct Record {
     pub color: [f32; 3],
     /// Cloud, kind and form.
     pub tag: Tag,
+}
+
+impl Record {
+    /// Its numbers in the order of its fields; the last one has the bits of the tag.
+    #[inline(always)]
+    pub(crate) fn numbers(&self) -> &[f32; 16] {
+        bytemuck::cast_ref(self)
+    }
 }
 
 /// The pixels of a record: from `min` up to, not including, `max`.

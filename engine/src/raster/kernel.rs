@@ -2,6 +2,7 @@
 
 use super::offsets::{Exact, HALF_LOG2_E, Plane};
 use super::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
+use super::sixteen::{Sixteen, touch};
 use super::slabs::SlabColumns;
 use crate::camera::Projection;
 use crate::closing::Closing;
@@ -138,25 +139,34 @@ impl Kernels {
         masks: BlockMasks::NONE,
     };
 
-    /// Takes in up to [`BATCH`] records of a tile, with their rectangles. Those behind `hidden_from` no block needs.
+    /// Takes in listed records of a tile, up to [`BATCH`], with their rectangles. Those behind `hidden_from` no block needs.
     #[inline(always)]
-    pub(crate) fn fill<'a, S: Simd>(
+    pub(crate) fn fill<S: Simd>(
         &mut self,
         simd: S,
         (tile, lens, hidden_from): (Tile, &KernelLens, f32),
-        records: impl Iterator<Item = &'a Record> + Clone,
-        rect: impl Fn(usize) -> &'a Rect,
+        list: &[u32],
+        (records, rects): (&[Record], &[Rect]),
     ) {
-        self.outlines.begin(records.clone());
+        let Some(last) = list.len().checked_sub(1) else { return *self = Self::NONE };
+        let rect = |number: usize| &rects[list[number] as usize];
+        self.outlines.begin(list.len());
         (self.opacities, self.plain, self.whole, self.rough) = (0, 0, 0, 0);
         self.is_taylor = lens.is_taylor;
-        for (number, record) in records.enumerate().take(BATCH) {
-            self.outlines.set(number, record);
-            for (column, color) in self.color.iter_mut().zip(record.color) {
-                column[number] = color;
+        touch(records, list);
+        for first in self.outlines.sixteens() {
+            let own = Sixteen::of(
+                simd,
+                #[inline(always)]
+                |number| &records[list[(first + number).min(last)] as usize],
+            );
+            self.outlines.set(simd, first, &own);
+            let range = first..first + 16;
+            for (column, color) in self.color.iter_mut().zip(own.color) {
+                color.store_slice(&mut column[range.clone()]);
             }
-            self.amplitude[number] = record.amplitude;
-            self.opacities |= u64::from(record.tag.kind == Kind::Opacity) << number;
+            own.amplitude.store_slice(&mut self.amplitude[range]);
+            self.opacities |= own.of_kind(simd, Kind::Opacity) << first & self.outlines.all();
         }
         self.is_linear = self.opacities == self.outlines.all();
         self.outlines.prepare(simd, tile);
@@ -172,7 +182,7 @@ impl Kernels {
                 self.prepare_slabs(simd, (tile, slabs), first);
             }
         }
-        self.masks = self.outlines.blocks(simd, tile, !hidden, &rect);
+        self.masks = self.outlines.blocks(simd, tile, !hidden, rect);
         // Their ellipses may lie between the pixels.
         let mut rough = self.rough & !hidden & self.outlines.all();
         while rough != 0 {

@@ -6,6 +6,7 @@
 mod kernel;
 mod offsets;
 mod outline;
+mod sixteen;
 mod slabs;
 mod surfel;
 

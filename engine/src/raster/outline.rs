@@ -1,8 +1,9 @@
 //! Which blocks of a tile the ellipses of records meet.
 
 use super::offsets::{HALF_LOG2_E, Offsets, Plane, ROOT_HALF_LOG2_E};
+use super::sixteen::Sixteen;
 use crate::columns::{LANES, Lanes};
-use crate::footprint::{Form, Octet, Record, Rect};
+use crate::footprint::{Form, Octet, Rect};
 use crate::simd::*;
 use crate::tile::{BLOCK_SIDE, MAX_BLOCKS, Tile};
 use std::ops::Range;
@@ -92,17 +93,10 @@ impl Outlines {
         count: 0,
     };
 
-    /// Begins with new records.
-    ///
-    /// They are not in the cache. The loop over their tags is so short that most are on their way at once.
+    /// Begins with so many new records.
     #[inline(always)]
-    pub(crate) fn begin<'a>(&mut self, records: impl Iterator<Item = &'a Record>) {
-        (self.exact, self.points, self.count) = (0, 0, 0);
-        for (number, record) in records.enumerate().take(BATCH) {
-            self.exact |= u64::from(record.tag.form == Form::Exact) << number;
-            self.points |= u64::from(record.tag.form == Form::Point) << number;
-            self.count = number + 1;
-        }
+    pub(crate) fn begin(&mut self, count: usize) {
+        self.begin_with(count, 0);
     }
 
     /// Begins with as many records as were put in their places; those of a set are in the exact form.
@@ -125,19 +119,21 @@ impl Outlines {
         place.put(simd, &mut self.sigma_z, &octet.sigma_z);
     }
 
-    /// Takes in a record as it is.
+    /// Takes in sixteen records as they are.
     #[inline(always)]
-    pub(crate) fn set(&mut self, number: usize, record: &Record) {
-        let number = number % BATCH;
+    pub(super) fn set<S: Simd>(&mut self, simd: S, first: usize, records: &Sixteen<S>) {
+        let range = first..first + 16;
         for axis in 0..2 {
-            self.mean[axis][number] = record.mean[axis];
-            self.depth_slope[axis][number] = record.depth_slope[axis];
+            records.mean[axis].store_slice(&mut self.mean[axis][range.clone()]);
+            records.depth_slope[axis].store_slice(&mut self.depth_slope[axis][range.clone()]);
         }
-        for (column, root) in self.root.iter_mut().zip(record.conic_root) {
-            column[number] = root;
+        for (column, root) in self.root.iter_mut().zip(records.conic_root) {
+            root.store_slice(&mut column[range.clone()]);
         }
-        self.depth[number] = record.depth;
-        self.sigma_z[number] = record.sigma_z;
+        records.depth.store_slice(&mut self.depth[range.clone()]);
+        records.sigma_z.store_slice(&mut self.sigma_z[range]);
+        self.exact |= records.in_form(simd, Form::Exact) << first & self.all();
+        self.points |= records.in_form(simd, Form::Point) << first & self.all();
     }
 
     /// Turns the records as they are into what pixels of a tile need.
@@ -311,8 +307,9 @@ impl<S: Simd> Ellipses<S> {
     /// ellipse's outermost pixels there. Looks no further than those that are kept reach.
     #[inline(always)]
     fn meet(&self, simd: S, tile: Tile, (first, kept): (usize, mask32x16<S>), masks: &mut BlockMasks) {
-        let least = W::simd_from(simd, 1e-30);
-        let (zero, last) = (W::simd_from(simd, 0.0), W::simd_from(simd, (BLOCK_SIDE - 1) as f32));
+        /// The first pixels of blocks.
+        const ROWS: [f32; 8] = [0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 24.0, 28.0];
+        let zero = W::simd_from(simd, 0.0);
         let Self { mean: [x, y], root: [a, b, c], end } = *self;
         // v = mu ± √((ρ − u²/V_xx)/s); the lowest point over an interval is at its end nearest to the lowest of all.
         let s = b.mul_add(b, c * c);
@@ -327,7 +324,6 @@ impl<S: Simd> Ellipses<S> {
         let columns = blocks_around(simd, tile, kept, [x - reach, x + reach]);
         let half = root / c + 0.01;
         let rows = blocks_around(simd, tile, kept, [y - half, y + half]);
-        let above = (rows.start * BLOCK_SIDE) as f32;
         for column in columns {
             let left = W::simd_from(simd, (column * BLOCK_SIDE) as f32) - x;
             let right = left + (BLOCK_SIDE - 1) as f32;
@@ -340,18 +336,17 @@ impl<S: Simd> Ellipses<S> {
                 #[inline(always)]
                 |lowest| {
                     let u = lowest.max(left).min(right);
-                    let under = ((u * u).mul_add(per_u, end) * inverse_s).max(least);
-                    (u, under * inverse_root(simd, under) + 0.01)
+                    let under = ((u * u).mul_add(per_u, end) * inverse_s).max(zero);
+                    (u, under.sqrt() + 0.01)
                 },
             );
-            // From the first row of blocks, then from the next.
-            let (mut bottom, mut top) =
-                (u.mul_add(m, y) + half - above, u_top.mul_add(m, y) - half_top - above);
+            let (bottom, top) = (u.mul_add(m, y) + half, u_top.mul_add(m, y) - half_top);
             let start = column * tile.blocks_a_side();
-            for mask in &mut masks.0[start + rows.start..start + rows.end] {
-                let met = is_met & bottom.simd_ge(zero) & top.simd_le(last);
+            for (mask, row) in masks.0[start..start + rows.end].iter_mut().zip(ROWS).skip(rows.start) {
+                let met = is_met
+                    & bottom.simd_ge(W::simd_from(simd, row))
+                    & top.simd_le(W::simd_from(simd, row + (BLOCK_SIDE - 1) as f32));
                 mask[first / 16] = met.to_bitmask() as u16;
-                (bottom, top) = (bottom - BLOCK_SIDE as f32, top - BLOCK_SIDE as f32);
             }
         }
     }
@@ -419,7 +414,7 @@ where
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::footprint::Tag;
+    use crate::footprint::{Record, Tag};
     use crate::simd::{Level, dispatch};
     use proptest::prelude::*;
 
@@ -456,14 +451,12 @@ mod tests {
             };
             let end = 12.25;
             let (number, mut outlines) = (5, Outlines::NONE);
-            outlines.begin([record; 6].iter());
-            for number in 0..=number {
-                outlines.set(number, &record);
-            }
+            outlines.begin(number + 1);
             outlines.end = [end * HALF_LOG2_E; BATCH];
             for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
                 let masks = dispatch!(level, simd => {
                     let mut outlines = outlines;
+                    outlines.set(simd, 0, &Sixteen::of(simd, |_| &record));
                     outlines.prepare(simd, tile);
                     outlines.blocks(simd, tile, u64::MAX, |_| unreachable!("every ellipse is one"))
                 });

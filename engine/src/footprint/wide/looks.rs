@@ -53,10 +53,7 @@ impl WideProjector<'_> {
         if blend == Blend::Display {
             return encoded;
         }
-        encoded.each(
-            #[inline(always)]
-            |c| srgb_to_linear(simd, c),
-        )
+        colors_to_linear(simd, encoded)
     }
 
     #[inline(always)]
