@@ -95,13 +95,15 @@ impl TileLists {
         self.counts.resize(shares * count, 0);
         self.counts.par_chunks_mut(count).enumerate().for_each(move |(share, counts)| {
             let (order, kept) = (&order[share_of(share)], &scratch[share_of(share)]);
+            let mut rects = [Rect::default(); FETCHED];
             for (order, kept) in order.chunks(FETCHED).zip(kept.chunks(FETCHED)) {
-                for (entry, kept) in order.iter().zip(kept) {
-                    let rect = rect_of(entry.load(Relaxed));
-                    kept.store(Touched::new(&rect, log_side).0, Relaxed);
+                for (rect, entry) in rects.iter_mut().zip(order) {
+                    *rect = rect_of(entry.load(Relaxed));
                 }
-                for kept in kept {
-                    count_corners(counts, columns, Touched(kept.load(Relaxed)));
+                for (rect, kept) in rects.iter().zip(kept) {
+                    let touched = Touched::new(rect, log_side);
+                    count_corners(counts, columns, touched);
+                    kept.store(touched.0, Relaxed);
                 }
             }
             sum_up(counts, columns);
