@@ -7,9 +7,11 @@
 use crate::camera::{Camera, Projection};
 use crate::cloud::Cloud;
 use crate::columns::{CHILDREN, LANES};
+use crate::cone::Sight;
 use crate::footprint::{CameraSplat, Lens};
 use crate::levels::{Level, allowance};
 use crate::scene::{RenderSettings, Scene};
+use crate::simd::{self, *};
 use glam::{DAffine3, DMat3, DVec2, DVec3, DVec4, Vec3};
 use std::ops::Range;
 
@@ -74,10 +76,13 @@ impl VisibleRange {
 
     /// Which of eight splats from `first` on, which begins a block, are drawn, of a cloud with these levels.
     #[inline(always)]
-    pub(crate) fn chosen(&self, levels: &[Level], first: usize) -> u32 {
+    pub(crate) fn chosen<S: Simd>(&self, simd: S, levels: &[Level], first: usize) -> u32 {
         let count = (self.splats.end - first).min(LANES);
         let valid = (1_u32 << count) - 1;
-        self.choice.map_or(valid, |choice| valid & choice.of(&levels[self.level..], first))
+        match &self.choice {
+            Some(choice) => valid & choice.of(simd, &levels[self.level..], first),
+            None => valid,
+        }
     }
 
     /// Whether all are drawn.
@@ -102,23 +107,30 @@ impl VisibleRange {
         if self.choice.is_none() {
             return splats.len();
         }
-        splats.step_by(LANES).map(|first| self.chosen(levels, first).count_ones() as usize).sum()
+        dispatch!(simd::Level::best(), simd => {
+            splats
+                .step_by(LANES)
+                .map(
+                    #[inline(always)]
+                    |first| self.chosen(simd, levels, first).count_ones() as usize,
+                )
+                .sum()
+        })
     }
 }
 
 impl Choice {
     /// Of a level and those above it.
     #[inline(always)]
-    fn of(&self, levels: &[Level], first: usize) -> u32 {
-        let own = levels[0].needs(first / LANES);
-        let met = |lane: usize| u32::from(own[lane] <= self.filter) << lane;
-        let own = (0..LANES).fold(0, |set, lane| set | met(lane));
+    fn of<S: Simd>(&self, simd: S, levels: &[Level], first: usize) -> u32 {
+        let own = V::simd_from(simd, *levels[0].needs(first / LANES));
+        let own = own.simd_le(splat(simd, self.filter)).to_bitmask() as u32;
         let Some(filter_above) = self.filter_above else { return own };
-        // A block has the children of two splats.
+        // A block has the children of two splats, which lie in one block.
         let parent = first / CHILDREN;
         let needs = levels[1].needs(parent / LANES);
-        let is_open = |which: usize| needs[(parent + which) % LANES] > filter_above;
-        own & ((u32::from(is_open(0)) * 0x0f) | (u32::from(is_open(1)) * 0xf0))
+        let is_open = [0, 1].map(|which| u32::from(needs[(parent + which) % LANES] > filter_above));
+        own & (is_open[0] * 0x0f | is_open[1] * 0xf0)
     }
 }
 
@@ -173,8 +185,8 @@ impl Frustum {
     }
 }
 
-/// Finds the clusters whose bounding sphere, grown by the reach of its kernels, touches the frustum, on the levels of detail
-/// that the pixels' filter allows; `widening` lets them take it for wider than it is. Gives how many splats are outside.
+/// Finds the clusters whose bounding sphere, grown by the reach of its kernels, touches the frustum, and that show more than backs that
+/// are not drawn, on the levels of detail that the pixels' filter allows; `widening` lets them take it for wider than it is. Gives how many splats are outside.
 fn find_visible(
     scene: &Scene,
     camera: &Camera,
@@ -188,6 +200,12 @@ fn find_visible(
     let (mut first_id, mut culled) = (0, 0);
     for (index, cloud) in scene.clouds.iter().enumerate() {
         let cloud_to_camera = camera.pose().world_to_camera * cloud.cloud_to_world();
+        let camera_to_cloud = cloud_to_camera.inverse();
+        let sight = if perspective {
+            Sight::From(camera_to_cloud.translation)
+        } else {
+            Sight::Along(camera_to_cloud.matrix3.z_axis)
+        };
         let search = Search {
             cloud,
             index,
@@ -201,6 +219,7 @@ fn find_visible(
             cutoff: settings.farthest_end(),
             stretch: largest_stretch(cloud_to_camera.matrix3),
             cloud_to_camera,
+            hides_backs_from: cloud.is_closed_for(&camera_to_cloud, perspective).then_some(sight),
         };
         let top = if settings.level_of_detail { cloud.levels().len() - 1 } else { 0 };
         for cluster in 0..cloud.levels()[top].clusters.len() {
@@ -289,6 +308,8 @@ struct Search<'a> {
     cutoff: f64,
     stretch: f64,
     cloud_to_camera: DAffine3,
+    /// Of a surface whose backs are not drawn, from where it is seen.
+    hides_backs_from: Option<Sight>,
 }
 
 impl Search<'_> {
@@ -313,6 +334,10 @@ impl Search<'_> {
         let reach = radius + self.cutoff.sqrt() * sigma;
         if !self.frustum.touches_sphere(center, reach) {
             return cluster.splats.len() as u64;
+        }
+        let sphere = (cluster.center, cluster.radius);
+        if self.hides_backs_from.is_some_and(|sight| cluster.normals.faces_away(&sight, sphere)) {
+            return 0;
         }
         let nearest = if self.perspective { (center.z - radius).max(self.near) } else { 1.0 };
         let filter = ((self.pixel_filter * nearest * self.allowance) as f32).max(filter_above);

@@ -22,6 +22,7 @@ pub mod cloud;
 pub mod color;
 mod columns;
 mod composite;
+mod cone;
 mod cull;
 mod cuts;
 pub mod footprint;

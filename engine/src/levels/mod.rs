@@ -10,6 +10,7 @@ mod need;
 mod order;
 
 use crate::columns::{CHILDREN, Column, Columns, Factors, LANES, Lanes};
+use crate::cone::Cone;
 use crate::cull::CLUSTER_SIZE;
 use family::frobenius_squared;
 use glam::Vec3;
@@ -42,6 +43,8 @@ pub(crate) struct Cluster {
     pub(crate) radius: f32,
     /// Of all these splats, at least.
     pub(crate) largest_sigma: f32,
+    /// Around the normals of all these splats.
+    pub(crate) normals: Cone,
     /// Least and greatest need of the splats, and of their parents. Nothing is above the last level.
     pub(crate) needs: [f32; 2],
     pub(crate) parents_need: [f32; 2],
@@ -57,8 +60,11 @@ impl Level {
 
     /// Needs of the splats 8 · block up to 8 · block + 7.
     #[inline(always)]
-    pub(crate) fn needs(&self, block: usize) -> Lanes {
-        self.needs.as_ref().map_or([0.0; LANES], |needs| needs.block(block)[0])
+    pub(crate) fn needs(&self, block: usize) -> &Lanes {
+        match &self.needs {
+            Some(needs) => &needs.block(block)[0],
+            None => &[0.0; LANES],
+        }
     }
 
     /// Memory of the splats, their clusters and needs.
@@ -106,6 +112,7 @@ pub(crate) fn with_coarser(mut levels: Vec<Level>, tolerance: f64) -> Vec<Level>
                 parent.radius = radius * (1.0 + 1e-5);
             }
             parent.largest_sigma = parent.largest_sigma.max(cluster.largest_sigma);
+            parent.normals = parent.normals.and(&cluster.normals);
         }
         levels.push(above);
     }
@@ -144,7 +151,8 @@ fn clusters(columns: &Columns) -> Vec<Cluster> {
         let largest_variance = largest_variance.into_iter().fold(0.0, f64::max);
         let parents_need = [f32::INFINITY; 2];
         let largest_sigma = largest_variance.sqrt() as f32;
-        Cluster { splats, center, radius, largest_sigma, needs: [0.0; 2], parents_need }
+        let normals = Cone::of(columns, &splats);
+        Cluster { splats, center, radius, largest_sigma, normals, needs: [0.0; 2], parents_need }
     };
     (0..columns.len.div_ceil(CLUSTER_SIZE)).into_par_iter().map(cluster).collect()
 }

@@ -44,12 +44,14 @@ impl<'a> Facing<'a> {
 
     /// What the surfels of a block of a range show, those that are drawn and face the viewer.
     pub(super) fn block(&self, range: &VisibleRange, block: usize, spent: f64) -> [Shown; LANES] {
-        let chosen = range.chosen(self.levels, block * LANES);
-        let [area, whole, x, y, z] = dispatch!(Level::best(), simd => self.block_wide(simd, range, block).map(
-            #[inline(always)]
-            |numbers| numbers.into()
-        ));
-        let [area, whole, x, y, z]: [[f32; LANES]; 5] = [area, whole, x, y, z];
+        let (chosen, numbers) = dispatch!(Level::best(), simd => {
+            let numbers = self.block_wide(simd, range, block).map(
+                #[inline(always)]
+                |numbers| numbers.into()
+            );
+            (range.chosen(simd, self.levels, block * LANES), numbers)
+        });
+        let [area, whole, x, y, z]: [[f32; LANES]; 5] = numbers;
         let opacities = self.columns.opacities.as_ref().map(|opacities| &opacities.block(block)[0]);
         std::array::from_fn(|lane| {
             if chosen >> lane & 1 == 0 {
@@ -160,7 +162,7 @@ impl<'a> Facing<'a> {
         cells: &mut Vec<u32>,
     ) {
         for block in blocks_of(range) {
-            let chosen = range.chosen(self.levels, block * LANES);
+            let chosen = range.chosen(simd, self.levels, block * LANES);
             let (place, near) = self.places(simd, range, block);
             let pixels = self.pixels(simd, range, place);
             let near: [f32; LANES] = near.into();

@@ -61,19 +61,10 @@ impl WideProjector<'_> {
     /// behind what is seen of surfaces. They may be tested together; what is left is tested splat by splat.
     pub(crate) fn blocks(&self, level: Level, range: &VisibleRange) -> Blocks {
         let is_inside = self.scalar.view.frustum.is_between_sides(range.center_in_camera, range.reach);
-        let hiding = Hiding::new(self, range);
-        if self.is_even && !(is_inside && hiding.is_none()) {
-            let sides = (!is_inside).then(|| self.reach(range));
-            return dispatch!(level, simd => self.blocks_wide(simd, range, (sides, hiding.as_ref())));
-        }
-        let mut blocks = Blocks::default();
-        for (number, first) in range.splats.clone().step_by(LANES).enumerate() {
-            let chosen = range.chosen(self.scalar.levels, first);
-            if chosen != 0 {
-                blocks.insert(number, chosen);
-            }
-        }
-        blocks
+        // What is stretched unevenly reaches differently far.
+        let sides = (self.is_even && !is_inside).then(|| self.reach(range));
+        let hiding = if self.is_even { Hiding::new(self, range) } else { None };
+        dispatch!(level, simd => self.blocks_wide(simd, range, (sides, hiding.as_ref())))
     }
 
     /// The same where blocks may lie beside sides, beyond which they reach so far, or behind surfaces.
@@ -86,9 +77,14 @@ impl WideProjector<'_> {
     ) -> Blocks {
         let mut blocks = Blocks::default();
         let from = self.from(range);
+        let is_looked_at = beyond_sides.is_some() || hiding.is_some();
         for (number, first) in range.splats.clone().step_by(LANES).enumerate() {
-            let chosen = range.chosen(self.scalar.levels, first);
+            let chosen = range.chosen(simd, self.scalar.levels, first);
             if chosen == 0 {
+                continue;
+            }
+            if !is_looked_at {
+                blocks.insert(number, chosen);
                 continue;
             }
             let (placed, _) = self.placed(simd, first / LANES, from);

@@ -116,7 +116,8 @@ impl<'a> WideProjector<'a> {
         } else {
             for first in blocks.each(range) {
                 out.begin_octet(self.scalar.cloud_index, range.ids(first));
-                self.put_scalar((first, range.chosen(self.scalar.levels, first)), out);
+                let chosen = dispatch!(level, simd => range.chosen(simd, self.scalar.levels, first));
+                self.put_scalar((first, chosen), out);
                 out.end_octet();
             }
         }
@@ -137,7 +138,7 @@ impl<'a> WideProjector<'a> {
             |end| splat(simd, end),
         );
         for first in blocks.each(range) {
-            let chosen = range.chosen(self.scalar.levels, first);
+            let chosen = range.chosen(simd, self.scalar.levels, first);
             let block = first / LANES;
             let (placed, from_middle) = self.placed(simd, block, from);
             let towards = [0, 1, 2].each(
