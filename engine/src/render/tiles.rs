@@ -117,6 +117,11 @@ impl TileDrawer<'_> {
         (layers, cuts): (&mut LayerBuffers, &mut Cuts),
     ) -> u64 {
         let Self { layers: builder, looked, observer, level, .. } = self;
+        if surfaces.is_empty() {
+            // What a frame begins with says that all is seen.
+            cuts.clear();
+            return 0;
+        }
         let count = watched(
             *observer,
             Stage::Layers,
