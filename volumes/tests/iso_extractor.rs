@@ -60,6 +60,7 @@ fn values_one_after_the_other_are_as_values_by_themselves() {
 fn a_cloud_is_that_of_its_splats() {
     let surfels = IsoExtractor::new(balls()).extract(0.0, Interpolation::Trilinear).unwrap();
     assert!(surfels.len() > 5000, "{}: more than a thread makes at a time", surfels.len());
+    let mut renewed = Cloud::default();
     for (opacity, flattening) in [(1.0, f32::INFINITY), (0.5, f32::INFINITY), (1.0, 4.0)] {
         let settings = IsoSettings { opacity, flattening, ..IsoSettings::default() };
         let splats = surfels.splats(&settings);
@@ -70,7 +71,10 @@ fn a_cloud_is_that_of_its_splats() {
         }
         let through = Cloud::new(Splats { normals: None, ..splats }).unwrap();
         let origin = DAffine3::from_translation(surfels.frame().origin);
-        assert_eq!(surfels.cloud(&settings).unwrap(), through.transformed(origin));
+        let cloud = surfels.cloud(&settings).unwrap();
+        assert_eq!(cloud, through.transformed(origin));
+        surfels.renew_cloud(&mut renewed, &settings).unwrap();
+        assert_eq!(renewed, cloud);
     }
 }
 

@@ -172,6 +172,16 @@ impl IsoSurfels {
     /// # Errors
     /// When a setting is outside its range, or there are 2³² surfels or more.
     pub fn cloud(&self, settings: &IsoSettings) -> Result<Cloud, IsoError> {
+        let mut cloud = Cloud::default();
+        self.renew_cloud(&mut cloud, settings)?;
+        Ok(cloud)
+    }
+
+    /// Makes a cloud what [`Self::cloud`] gives, in the memory that the cloud has ([`Cloud::renew`]): for values that are moved.
+    ///
+    /// # Errors
+    /// Those of [`Self::cloud`]. Then the cloud is as it was, or empty.
+    pub fn renew_cloud(&self, cloud: &mut Cloud, settings: &IsoSettings) -> Result<(), IsoError> {
         settings.check()?;
         let look = SurfelLook {
             color: Some(settings.color),
@@ -203,8 +213,9 @@ impl IsoSurfels {
                 color: settings.color,
             })
         };
-        let cloud = Cloud::of_surfels(self.len(), &look, surfels)?;
-        Ok(cloud.transformed(DAffine3::from_translation(self.frame.origin)))
+        cloud.renew(self.len(), &look, surfels)?;
+        *cloud = std::mem::take(cloud).transformed(DAffine3::from_translation(self.frame.origin));
+        Ok(())
     }
 
     /// About a surfel's radius.
