@@ -131,14 +131,6 @@ impl SurfelLook {
 }
 
 impl Surfel {
-    /// Whether nothing is wrong, as quickly as can be told: 0 times what isn't finite isn't 0.
-    #[inline(always)]
-    fn is_right(&self) -> bool {
-        let Self { center, factor, area, color } = self;
-        let [x, y, z] = [factor.x_axis, factor.y_axis, factor.z_axis].map(|axis| axis * 0.0);
-        center * 0.0 + x + y + z + Vec3::from(*color) * 0.0 == Vec3::ZERO && (0.0..=f32::MAX).contains(area)
-    }
-
     /// Says what is wrong with the one that has this number.
     fn check(&self, index: usize) -> Result<(), CloudError> {
         let Self { center, factor, area, color } = self;
@@ -223,24 +215,49 @@ impl RowsMut<'_> {
         surfels: impl Iterator<Item = Surfel>,
         numbers: Range<usize>,
     ) -> Result<Option<Vec<[Lanes; 3]>>, CloudError> {
-        let (mut found, mut through, mut last) = (0, None, Surfel::default());
-        let mut first_wrong = Ok(());
+        let (mut found, mut through) = (0, None);
         surfels.for_each(|surfel| {
-            if !surfel.is_right() && first_wrong.is_ok() {
-                first_wrong = surfel.check(numbers.start + found);
-            }
             self.put(found, &surfel, &mut through);
             found += 1;
-            last = surfel;
         });
-        first_wrong?;
+        if !self.are_right(through.as_deref()) {
+            (0..found)
+                .try_for_each(|place| self.get(place, through.as_deref()).check(numbers.start + place))?;
+        }
         if found < numbers.len() {
             let (found, expected) = (numbers.start + found, numbers.end);
             return Err(CloudError::Length { array: "surfels", found, expected });
         }
         // The last block is filled up with its last splat.
-        (found..found.next_multiple_of(LANES)).for_each(|place| self.put(place, &last, &mut through));
+        if found % LANES != 0 {
+            let last = self.get(found - 1, through.as_deref());
+            (found..found.next_multiple_of(LANES)).for_each(|place| self.put(place, &last, &mut through));
+        }
         Ok(through)
+    }
+
+    /// Whether nothing is wrong, not even with what was there before.
+    fn are_right(&self, through: Option<&[[Lanes; 3]]>) -> bool {
+        let Self { centers, flat, areas, colors } = self;
+        are_finite(centers)
+            && are_finite(flat)
+            && are_finite(areas)
+            && are_finite(colors)
+            && through.is_none_or(are_finite)
+            && areas.as_flattened().as_flattened().iter().fold(true, |all, area| all & (*area >= 0.0))
+    }
+
+    /// A surfel as it was put in its place; black where all have one colour.
+    fn get(&self, place: usize, through: Option<&[[Lanes; 3]]>) -> Surfel {
+        let (block, lane) = (place / LANES, place % LANES);
+        let [a, b, c, d, e, f] = self.flat[block].map(|row| row[lane]);
+        let [g, h, i] = through.map_or([0.0; 3], |through| through[block].map(|row| row[lane]));
+        Surfel {
+            center: Vec3::from(self.centers[block].map(|row| row[lane])),
+            factor: Mat3::from_cols_array(&[a, b, c, d, e, f, g, h, i]),
+            area: self.areas[block][0][lane],
+            color: self.colors.get(block).map_or([0.0; 3], |color| color.map(|row| row[lane])),
+        }
     }
 
     #[inline(always)]
@@ -259,6 +276,10 @@ impl RowsMut<'_> {
             set(&mut through[block], lane, third);
         }
     }
+}
+
+fn are_finite<const N: usize>(blocks: &[[Lanes; N]]) -> bool {
+    blocks.as_flattened().as_flattened().iter().fold(true, |all, number| all & number.is_finite())
 }
 
 #[inline(always)]
@@ -359,8 +380,9 @@ mod tests {
     fn the_first_surfel_that_is_wrong_is_refused() {
         type Spoil = fn(&mut Surfel);
         let count = 2 * TOGETHER + 3;
+        let look = SurfelLook { color: None, ..LOOK };
         let made = |bad: Spoil, at: [usize; 2]| {
-            Cloud::of_surfels(count, &LOOK, move |range| {
+            Cloud::of_surfels(count, &look, move |range| {
                 range.map(move |i| {
                     let mut surfel = surfel(i, 0.0);
                     if at.contains(&i) {
@@ -383,6 +405,8 @@ mod tests {
                 other => panic!("{name}: {:?}", other.err()),
             }
         }
+        let gray = |range: Range<usize>| range.map(|i| Surfel { color: [f32::NAN; 3], ..surfel(i, 0.0) });
+        assert!(Cloud::of_surfels(count, &LOOK, gray).is_ok(), "their own colours are not used");
         let short = Cloud::of_surfels(count, &LOOK, |range| range.skip(1).map(|i| surfel(i, 0.0)));
         assert!(matches!(short, Err(CloudError::Length { array: "surfels", .. })));
         let dark = SurfelLook { color: Some([f32::NAN; 3]), ..LOOK };

@@ -12,12 +12,12 @@ mod order;
 use crate::columns::{CHILDREN, Column, Columns, Factors, LANES, Lanes};
 use crate::cone::Cone;
 use crate::cull::CLUSTER_SIZE;
+use crate::simd::{self, *};
 use family::frobenius_squared;
 use glam::Vec3;
 use merge::coarser;
 use order::make_compact;
 use rayon::prelude::*;
-use std::array::from_fn;
 use std::ops::Range;
 
 /// The splats of a cloud, or splats that stand for them.
@@ -128,52 +128,73 @@ fn clusters(columns: &Columns) -> Vec<Cluster> {
     let cluster = |number: usize| {
         let start = number * CLUSTER_SIZE;
         let splats = start..columns.len.min(start + CLUSTER_SIZE);
-        // Eight at a time: the last block is filled up with its last splat.
-        let blocks = start / LANES..splats.end.div_ceil(LANES);
-        let (mut low, mut high) = ([[f32::INFINITY; LANES]; 3], [[f32::NEG_INFINITY; LANES]; 3]);
-        let mut largest_variance = [0.0; LANES];
-        for block in blocks.clone() {
-            for (i, row) in columns.centers.block(block).iter().enumerate() {
-                low[i] = each(low[i], *row, f32::min);
-                high[i] = each(high[i], *row, f32::max);
-            }
-            largest_variance = each(largest_variance, variances(columns, block), f64::max);
-        }
-        let low = Vec3::from(low.map(|row| row.into_iter().fold(f32::INFINITY, f32::min)));
-        let high = Vec3::from(high.map(|row| row.into_iter().fold(f32::NEG_INFINITY, f32::max)));
-        let center = low * 0.5 + high * 0.5;
-        let squared = |block: usize| {
-            let [x, y, z] = columns.centers.block(block);
-            from_fn(|lane| Vec3::new(x[lane], y[lane], z[lane]).distance_squared(center))
-        };
-        let farthest = blocks.fold([0.0; LANES], |farthest, block| each(farthest, squared(block), f32::max));
-        let radius = farthest.into_iter().fold(0.0, f32::max).sqrt();
-        let largest_variance = largest_variance.into_iter().fold(0.0, f64::max);
-        let parents_need = [f32::INFINITY; 2];
-        let largest_sigma = largest_variance.sqrt() as f32;
+        let (center, radius, largest_sigma) =
+            dispatch!(simd::Level::best(), simd => extent(simd, columns, &splats));
         let normals = Cone::of(columns, &splats);
+        let parents_need = [f32::INFINITY; 2];
         Cluster { splats, center, radius, largest_sigma, normals, needs: [0.0; 2], parents_need }
     };
     (0..columns.len.div_ceil(CLUSTER_SIZE)).into_par_iter().map(cluster).collect()
 }
 
-/// The squared Frobenius norms of the factors of splats 8 · block up to 8 · block + 7.
-fn variances(columns: &Columns, block: usize) -> [f64; LANES] {
-    match &columns.factors {
-        Factors::Shared(factor) => [frobenius_squared(factor.as_dmat3()); LANES],
-        Factors::Each { flat, through } => {
-            let ([a, b, c, d, e, f], [g, h, i]) = (flat.block(block), through.block(block));
-            let square = |[x, y, z]: [&Lanes; 3], lane: usize| {
-                let [x, y, z] = [x[lane], y[lane], z[lane]].map(f64::from);
-                x * x + y * y + z * z
-            };
-            from_fn(|lane| square([a, b, c], lane) + square([d, e, f], lane) + square([g, h, i], lane))
+/// A sphere around the centres of splats, the first of which begins a block, and their largest σ in any direction, at least.
+#[inline(always)]
+fn extent<S: Simd>(simd: S, columns: &Columns, splats: &Range<usize>) -> (Vec3, f32, f32) {
+    // The last block is filled up with its last splat.
+    let blocks = splats.start / LANES..splats.end.div_ceil(LANES);
+    let (mut low, mut high) = (splat3(simd, [f32::INFINITY; 3]), splat3(simd, [f32::NEG_INFINITY; 3]));
+    let mut largest_variance = splat(simd, 0.0);
+    for block in blocks.clone() {
+        for (axis, row) in centers(simd, columns, block).into_iter().enumerate() {
+            (low[axis], high[axis]) = (row.min(low[axis]), row.max(high[axis]));
         }
+        largest_variance = traces(simd, columns, block).max(largest_variance);
     }
+    let middle = [0, 1, 2].each(
+        #[inline(always)]
+        |axis| low[axis].reduce_min() * 0.5 + high[axis].reduce_max() * 0.5,
+    );
+    let from: V3<S> = splat3(simd, middle);
+    let mut farthest = splat(simd, 0.0);
+    for block in blocks {
+        let center = centers(simd, columns, block);
+        let apart: V3<S> = [0, 1, 2].each(
+            #[inline(always)]
+            |axis| center[axis] - from[axis],
+        );
+        farthest = dot(apart, apart).max(farthest);
+    }
+    // More than what roundings of nine squares, their sum and its root come to, and than squares that vanish.
+    let [radius, sigma] = [farthest, largest_variance].each(
+        #[inline(always)]
+        |squared| squared.reduce_max().sqrt() * (1.0 + 1e-6) + 1e-18,
+    );
+    (Vec3::from(middle), radius, sigma)
 }
 
-fn each<T: Copy>(a: [T; LANES], b: [T; LANES], better: impl Fn(T, T) -> T) -> [T; LANES] {
-    from_fn(|lane| better(a[lane], b[lane]))
+/// The centres of splats 8 · block up to 8 · block + 7.
+#[inline(always)]
+fn centers<S: Simd>(simd: S, columns: &Columns, block: usize) -> V3<S> {
+    columns.centers.block(block).each(
+        #[inline(always)]
+        |row| V::simd_from(simd, row),
+    )
+}
+
+/// The traces of their covariances.
+#[inline(always)]
+fn traces<S: Simd>(simd: S, columns: &Columns, block: usize) -> V<S> {
+    match &columns.factors {
+        Factors::Shared(factor) => splat(simd, frobenius_squared(factor.as_dmat3()) as f32),
+        Factors::Each { flat, through } => {
+            let mut sum = splat(simd, 0.0);
+            for row in flat.block(block).iter().chain(through.block(block)) {
+                let row = V::simd_from(simd, *row);
+                sum = row.mul_add(row, sum);
+            }
+            sum
+        }
+    }
 }
 
 #[cfg(test)]
