@@ -9,11 +9,13 @@ use super::facing::Facing;
 use super::looked::{CELL, Looked, squares};
 use super::sheet::{Patch, Sheet, sampled};
 use crate::cloud::Cloud;
-use crate::columns::{Kind, LANES};
+use crate::columns::{Columns, Factors, Kind, LANES};
 use crate::cull::VisibleRange;
 use crate::scene::Scene;
-use glam::Vec3;
+use crate::simd::*;
+use glam::{Mat3, Vec3};
 use rayon::prelude::*;
+use std::f64::consts::TAU;
 use std::ops::Range;
 
 /// A square that is covered as many times is taken for opaque: more than half, as at the edge of something, and less than
@@ -195,27 +197,72 @@ fn optical_area(sight: &Sight, cloud: &Cloud, range: &VisibleRange) -> f64 {
     let columns = &cloud.levels()[range.level].columns;
     let linear = sight.world_to_camera.matrix3 * cloud.cloud_to_world().matrix3;
     let ray = sight.ray(range.center_in_camera);
-    let (mut sum, mut count) = (0.0, 0);
-    let volume = linear.determinant().abs();
-    for block in sampled(range, SAMPLED) {
-        for (lane, strength) in
-            columns.strengths.block(block, &mut Default::default())[0].into_iter().enumerate()
-        {
-            let strength = f64::from(strength);
-            count += 1;
-            sum += match columns.kind {
-                Kind::Opacity(_) => {
-                    // ∫ of a Gaussian footprint over the picture: 2π √D₀.
-                    let factor = columns.factor((block * LANES + lane).min(columns.len - 1));
-                    let [a, b, c] = [factor.x_axis, factor.y_axis, factor.z_axis]
-                        .map(|axis: Vec3| linear * axis.as_dvec3());
-                    let across = [a.cross(b), b.cross(c), c.cross(a)].map(|n| ray.dot(n).powi(2));
-                    let root = across.into_iter().sum::<f64>().sqrt();
-                    std::f64::consts::TAU * root * -(-strength.min(1.0 - 1e-6)).ln_1p()
-                }
-                _ => strength * volume * ray.length(),
-            };
+    let blocks = sampled(range, SAMPLED);
+    let count = blocks.clone().count() * LANES;
+    let sum = dispatch!(Level::best(), simd => match columns.kind {
+        Kind::Opacity(_) => {
+            // ∫ of a Gaussian footprint over the picture: 2π √D₀.
+            let view = (linear.as_mat3(), ray.as_vec3());
+            TAU * sum_of(simd, columns, blocks, #[inline(always)] |strength, block| {
+                let most = strength.min(splat(simd, 1.0 - 1e-6));
+                optical_depth(simd, most) * root_depth(simd, columns, block, view)
+            })
         }
+        _ => {
+            let volume = linear.determinant().abs() * ray.length();
+            volume * sum_of(simd, columns, blocks, #[inline(always)] |strength, _| strength)
+        }
+    });
+    sum * sight.pixels_at(range.center_in_camera) * range.splats.len() as f64 / count.max(1) as f64
+}
+
+/// The sum over blocks of what is made of their strengths.
+#[inline(always)]
+fn sum_of<S: Simd>(
+    simd: S,
+    columns: &Columns,
+    blocks: impl Iterator<Item = usize>,
+    of: impl Fn(V<S>, usize) -> V<S>,
+) -> f64 {
+    let mut sum = splat(simd, 0.0);
+    for block in blocks {
+        let [strengths] = *columns.strengths.block(block, &mut Default::default());
+        sum += of(V::simd_from(simd, strengths), block);
     }
-    sum * sight.pixels_at(range.center_in_camera) * range.splats.len() as f64 / f64::from(count.max(1))
+    <[f32; LANES]>::from(sum).into_iter().map(f64::from).sum()
+}
+
+/// √D₀ of a block's splats, as if all were seen along one ray.
+#[inline(always)]
+fn root_depth<S: Simd>(simd: S, columns: &Columns, block: usize, (to_camera, ray): (Mat3, Vec3)) -> V<S> {
+    // n·v₀ of the cross products of half-axes in camera space is that of cofactors: of those in cloud space with another vector.
+    let cofactors = Mat3::from_cols(
+        to_camera.y_axis.cross(to_camera.z_axis),
+        to_camera.z_axis.cross(to_camera.x_axis),
+        to_camera.x_axis.cross(to_camera.y_axis),
+    );
+    let along: V3<S> = splat3(simd, (cofactors.transpose() * ray).to_array());
+    let [a, b, c] = match &columns.factors {
+        Factors::Shared(factor) => [factor.x_axis, factor.y_axis, factor.z_axis].each(
+            #[inline(always)]
+            |axis| splat3(simd, axis.to_array()),
+        ),
+        Factors::Each { flat, through } => {
+            let [a, b, c, d, e, f] = *flat.block(block);
+            [[a, b, c], [d, e, f], *through.block(block)].each(
+                #[inline(always)]
+                |column| {
+                    column.each(
+                        #[inline(always)]
+                        |row| V::simd_from(simd, row),
+                    )
+                },
+            )
+        }
+    };
+    let across = [cross(a, b), cross(b, c), cross(c, a)].each(
+        #[inline(always)]
+        |normal| dot(normal, along),
+    );
+    dot(across, across).sqrt()
 }
