@@ -15,8 +15,8 @@ pub(crate) struct Cone {
 
 /// From where surfels are seen, in the space of a cloud: from the eye, or along rays that are parallel.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Sight {
-    From(DVec3),
+pub(crate) enum Viewer {
+    At(DVec3),
     Along(DVec3),
 }
 
@@ -85,10 +85,10 @@ impl Cone {
     /// Let D lead from the eye to the sphere's middle, R be its radius, θ half of the cone's angle, and β that of D to its axis. Of a
     /// surfel at D + r with the unit normal n, n·(D + r) ≥ |D| cos(β + θ) − R; and where cos β ≥ sin θ + R/|D|, that is not negative, since
     /// sin(θ + ε) ≤ sin θ + sin ε.
-    pub(crate) fn faces_away(&self, sight: &Sight, (center, radius): (Vec3, f32)) -> bool {
-        let (to_center, radius) = match sight {
-            Sight::From(eye) => (center.as_dvec3() - eye, f64::from(radius)),
-            Sight::Along(direction) => (*direction, 0.0),
+    pub(crate) fn faces_away(&self, viewer: &Viewer, (center, radius): (Vec3, f32)) -> bool {
+        let (to_center, radius) = match viewer {
+            Viewer::At(eye) => (center.as_dvec3() - eye, f64::from(radius)),
+            Viewer::Along(direction) => (*direction, 0.0),
         };
         let length = to_center.length();
         // What rounding moves centres by.
@@ -146,11 +146,11 @@ mod tests {
     }
 
     /// How far a splat is from showing its front: not at all where this is negative.
-    fn back(columns: &Columns, index: usize, sight: &Sight) -> f64 {
+    fn back(columns: &Columns, index: usize, viewer: &Viewer) -> f64 {
         let factor = columns.factor(index).as_dmat3();
-        let to_center = match sight {
-            Sight::From(eye) => columns.center(index).as_dvec3() - eye,
-            Sight::Along(direction) => *direction,
+        let to_center = match viewer {
+            Viewer::At(eye) => columns.center(index).as_dvec3() - eye,
+            Viewer::Along(direction) => *direction,
         };
         factor.x_axis.cross(factor.y_axis).dot(to_center)
     }
@@ -165,12 +165,12 @@ mod tests {
             (log_distance, is_parallel) in (-1.0..4.0f64, any::<bool>()),
         ) {
             let direction = DVec3::from(direction).try_normalize().unwrap_or(DVec3::X);
-            let sight = if is_parallel { Sight::Along(direction) } else { Sight::From(-direction * log_distance.exp()) };
+            let viewer = if is_parallel { Viewer::Along(direction) } else { Viewer::At(-direction * log_distance.exp()) };
             let levels = BODY.levels();
             let mut away = vec![Vec::new(); levels.len()];
             for (level, found) in levels.iter().zip(&mut away) {
                 for (number, cluster) in level.clusters.iter().enumerate() {
-                    if cluster.normals.faces_away(&sight, (cluster.center, cluster.radius)) {
+                    if cluster.normals.faces_away(&viewer, (cluster.center, cluster.radius)) {
                         found.push(number);
                     }
                 }
@@ -181,7 +181,7 @@ mod tests {
                         let children = CHILDREN.pow((above - below) as u32);
                         for cluster in level.clusters.iter().skip(number * children).take(children) {
                             for index in cluster.splats.clone() {
-                                prop_assert!(back(&level.columns, index, &sight) >= 0.0, "{above}, {below}: {index}");
+                                prop_assert!(back(&level.columns, index, &viewer) >= 0.0, "{above}, {below}: {index}");
                             }
                         }
                     }
@@ -206,8 +206,8 @@ mod tests {
         let narrow = Cone { axis: Vec3::Z, sin: 0.1 };
         assert_eq!(narrow.and(&Cone { axis: Vec3::NEG_Z, sin: 0.1 }), Cone::ALL);
         assert_eq!(narrow.and(&Cone::ALL), Cone::ALL);
-        assert!(!Cone::ALL.faces_away(&Sight::Along(DVec3::Z), (Vec3::ZERO, 0.0)));
-        assert!(!Cone::ALL.faces_away(&Sight::From(DVec3::ZERO), (Vec3::ZERO, 0.0)));
+        assert!(!Cone::ALL.faces_away(&Viewer::Along(DVec3::Z), (Vec3::ZERO, 0.0)));
+        assert!(!Cone::ALL.faces_away(&Viewer::At(DVec3::ZERO), (Vec3::ZERO, 0.0)));
         let both = narrow.and(&Cone { axis: Vec3::new(0.6, 0.0, 0.8), sin: 0.1 });
         let half = 0.6_f32.asin() + 0.1_f32.asin();
         assert!((both.sin - half.sin()).abs() < 1e-3 && both.axis == Vec3::Z);

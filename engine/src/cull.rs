@@ -7,7 +7,7 @@
 use crate::camera::{Camera, Projection};
 use crate::cloud::Cloud;
 use crate::columns::{CHILDREN, LANES};
-use crate::cone::Sight;
+use crate::cone::Viewer;
 use crate::footprint::{CameraSplat, Lens};
 use crate::levels::{Level, allowance};
 use crate::scene::{RenderSettings, Scene};
@@ -130,7 +130,7 @@ impl Choice {
         let parent = first / CHILDREN;
         let needs = levels[1].needs(parent / LANES);
         let is_open = [0, 1].map(|which| u32::from(needs[(parent + which) % LANES] > filter_above));
-        own & (is_open[0] * 0x0f | is_open[1] * 0xf0)
+        own & ((is_open[0] * 0x0f) | (is_open[1] * 0xf0))
     }
 }
 
@@ -201,10 +201,10 @@ fn find_visible(
     for (index, cloud) in scene.clouds.iter().enumerate() {
         let cloud_to_camera = camera.pose().world_to_camera * cloud.cloud_to_world();
         let camera_to_cloud = cloud_to_camera.inverse();
-        let sight = if perspective {
-            Sight::From(camera_to_cloud.translation)
+        let viewer = if perspective {
+            Viewer::At(camera_to_cloud.translation)
         } else {
-            Sight::Along(camera_to_cloud.matrix3.z_axis)
+            Viewer::Along(camera_to_cloud.matrix3.z_axis)
         };
         let search = Search {
             cloud,
@@ -219,7 +219,7 @@ fn find_visible(
             cutoff: settings.farthest_end(),
             stretch: largest_stretch(cloud_to_camera.matrix3),
             cloud_to_camera,
-            hides_backs_from: cloud.is_closed_for(&camera_to_cloud, perspective).then_some(sight),
+            hides_backs_from: cloud.is_closed_for(&camera_to_cloud, perspective).then_some(viewer),
         };
         let top = if settings.level_of_detail { cloud.levels().len() - 1 } else { 0 };
         for cluster in 0..cloud.levels()[top].clusters.len() {
@@ -309,7 +309,7 @@ struct Search<'a> {
     stretch: f64,
     cloud_to_camera: DAffine3,
     /// Of a surface whose backs are not drawn, from where it is seen.
-    hides_backs_from: Option<Sight>,
+    hides_backs_from: Option<Viewer>,
 }
 
 impl Search<'_> {
@@ -336,7 +336,7 @@ impl Search<'_> {
             return cluster.splats.len() as u64;
         }
         let sphere = (cluster.center, cluster.radius);
-        if self.hides_backs_from.is_some_and(|sight| cluster.normals.faces_away(&sight, sphere)) {
+        if self.hides_backs_from.is_some_and(|viewer| cluster.normals.faces_away(&viewer, sphere)) {
             return 0;
         }
         let nearest = if self.perspective { (center.z - radius).max(self.near) } else { 1.0 };
