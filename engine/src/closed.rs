@@ -26,11 +26,6 @@ impl Closed {
         *self == Self::EVERYWHERE
     }
 
-    /// Whether there are places from where no backs are seen.
-    pub(crate) fn is_somewhere(&self) -> bool {
-        *self != Self::Nowhere
-    }
-
     /// Of a surface made of this one and another.
     #[must_use]
     pub fn and(self, other: &Self) -> Self {

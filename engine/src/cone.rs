@@ -1,6 +1,7 @@
 //! Cones around the normals of surfels: which of a closed surface's clusters show nothing but backs.
 
-use crate::columns::{Columns, Factors, Kind, LANES};
+use crate::closed::Closed;
+use crate::columns::{Column, Columns, Factors, Kind, LANES};
 use crate::simd::{self, *};
 use glam::{DVec3, Vec3};
 use std::ops::Range;
@@ -29,18 +30,16 @@ impl Cone {
 
     /// Around the vector areas of splats, the first of which begins a block.
     pub(crate) fn of(columns: &Columns, splats: &Range<usize>) -> Self {
-        let (Kind::Surface(surface), Factors::Each { .. }) = (&columns.kind, &columns.factors) else {
-            return Self::ALL;
-        };
-        if !surface.closed.is_somewhere() {
-            return Self::ALL;
+        match (&columns.kind, &columns.factors) {
+            (Kind::Surface(surface), Factors::Each { flat, .. }) if surface.closed != Closed::Nowhere => {
+                dispatch!(simd::Level::best(), simd => Self::of_half_axes(simd, flat, splats))
+            }
+            _ => Self::ALL,
         }
-        dispatch!(simd::Level::best(), simd => Self::of_blocks(simd, columns, splats))
     }
 
     #[inline(always)]
-    fn of_blocks<S: Simd>(simd: S, columns: &Columns, splats: &Range<usize>) -> Self {
-        let Factors::Each { flat, .. } = &columns.factors else { return Self::ALL };
+    fn of_half_axes<S: Simd>(simd: S, flat: &Column<6>, splats: &Range<usize>) -> Self {
         // The last block is filled up with its last splat.
         let blocks = splats.start / LANES..splats.end.div_ceil(LANES);
         let mut sum = [splat(simd, 0.0); 3];
@@ -107,7 +106,6 @@ fn areas<S: Simd>(simd: S, [a, b, c, d, e, f]: &[[f32; LANES]; 6]) -> V3<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::closed::Closed;
     use crate::cloud::{Cloud, Material, Shapes, Splats, Strength, Surface, oblate_factor};
     use crate::columns::CHILDREN;
     use proptest::prelude::*;

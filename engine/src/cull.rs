@@ -185,8 +185,9 @@ impl Frustum {
     }
 }
 
-/// Finds the clusters whose bounding sphere, grown by the reach of its kernels, touches the frustum, and that show more than backs that
-/// are not drawn, on the levels of detail that the pixels' filter allows; `widening` lets them take it for wider than it is. Gives how many splats are outside.
+/// Finds the clusters whose bounding sphere, grown by the reach of its kernels, touches the frustum, and that show more than backs
+/// that are not drawn, on the levels of detail that the pixels' filter allows; `widening` lets them take it for wider than it
+/// is. Gives how many splats are outside.
 fn find_visible(
     scene: &Scene,
     camera: &Camera,

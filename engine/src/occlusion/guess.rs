@@ -13,7 +13,7 @@ use crate::columns::{Columns, Factors, Kind, LANES};
 use crate::cull::VisibleRange;
 use crate::scene::Scene;
 use crate::simd::*;
-use glam::{Mat3, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 use std::ops::Range;
@@ -202,10 +202,11 @@ fn optical_area(sight: &Sight, cloud: &Cloud, range: &VisibleRange) -> f64 {
     let sum = dispatch!(Level::best(), simd => match columns.kind {
         Kind::Opacity(_) => {
             // ∫ of a Gaussian footprint over the picture: 2π √D₀.
-            let view = (linear.as_mat3(), ray.as_vec3());
+            // n·v₀ of a cross product of half-axes in camera space is that of the same in cloud space with another vector.
+            let along = (linear.inverse() * ray * linear.determinant()).as_vec3();
             TAU * sum_of(simd, columns, blocks, #[inline(always)] |strength, block| {
                 let most = strength.min(splat(simd, 1.0 - 1e-6));
-                optical_depth(simd, most) * root_depth(simd, columns, block, view)
+                optical_depth(simd, most) * root_depth(simd, columns, block, along)
             })
         }
         _ => {
@@ -232,16 +233,10 @@ fn sum_of<S: Simd>(
     <[f32; LANES]>::from(sum).into_iter().map(f64::from).sum()
 }
 
-/// √D₀ of a block's splats, as if all were seen along one ray.
+/// √D₀ of a block's splats, as if all were seen along one ray, of which this is the vector in cloud space.
 #[inline(always)]
-fn root_depth<S: Simd>(simd: S, columns: &Columns, block: usize, (to_camera, ray): (Mat3, Vec3)) -> V<S> {
-    // n·v₀ of the cross products of half-axes in camera space is that of cofactors: of those in cloud space with another vector.
-    let cofactors = Mat3::from_cols(
-        to_camera.y_axis.cross(to_camera.z_axis),
-        to_camera.z_axis.cross(to_camera.x_axis),
-        to_camera.x_axis.cross(to_camera.y_axis),
-    );
-    let along: V3<S> = splat3(simd, (cofactors.transpose() * ray).to_array());
+fn root_depth<S: Simd>(simd: S, columns: &Columns, block: usize, along: Vec3) -> V<S> {
+    let along: V3<S> = splat3(simd, along.to_array());
     let [a, b, c] = match &columns.factors {
         Factors::Shared(factor) => [factor.x_axis, factor.y_axis, factor.z_axis].each(
             #[inline(always)]

@@ -148,9 +148,9 @@ impl Kernels {
         list: &[u32],
         (records, rects): (&[Record], &[Rect]),
     ) {
-        let Some(last) = list.len().checked_sub(1) else { return *self = Self::NONE };
+        let last = list.len().saturating_sub(1);
         let rect = |number: usize| &rects[list[number] as usize];
-        self.outlines.begin(list.len());
+        self.outlines.begin_with(list.len(), 0);
         (self.opacities, self.plain, self.whole, self.rough) = (0, 0, 0, 0);
         self.is_taylor = lens.is_taylor;
         touch(records, list);

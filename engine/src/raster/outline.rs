@@ -93,13 +93,7 @@ impl Outlines {
         count: 0,
     };
 
-    /// Begins with so many new records.
-    #[inline(always)]
-    pub(crate) fn begin(&mut self, count: usize) {
-        self.begin_with(count, 0);
-    }
-
-    /// Begins with as many records as were put in their places; those of a set are in the exact form.
+    /// Begins with as many records; those of a set are known to be in the exact form.
     #[inline(always)]
     pub(crate) fn begin_with(&mut self, count: usize, exact: u64) {
         (self.exact, self.points, self.count) = (exact, 0, count);
@@ -451,7 +445,7 @@ mod tests {
             };
             let end = 12.25;
             let (number, mut outlines) = (5, Outlines::NONE);
-            outlines.begin(number + 1);
+            outlines.begin_with(number + 1, 0);
             outlines.end = [end * HALF_LOG2_E; BATCH];
             for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
                 let masks = dispatch!(level, simd => {
