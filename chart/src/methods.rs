@@ -80,10 +80,14 @@ pub fn way(settings: &RenderSettings) -> String {
         FootprintForm::Affine => "affine",
         FootprintForm::Exact => "exact",
     };
-    let ends = match settings.cutoff {
-        cutoff if cutoff == RenderSettings::default().cutoff => String::new(),
-        cutoff => format!(", to ρ = {}", (cutoff * 100.0).round() / 100.0),
-    };
+    let usual = RenderSettings::default();
+    let mut ends = String::new();
+    if settings.cutoff != usual.cutoff {
+        ends += &format!(", to ρ = {}", (settings.cutoff * 100.0).round() / 100.0);
+    }
+    if settings.end_share != usual.end_share {
+        ends += &format!(", opacities to 1/{} of the tolerance", (1.0 / settings.end_share).round());
+    }
     format!("{order}, {form}{ends}")
 }
 

@@ -299,6 +299,8 @@ impl Renderer {
                     is_taylor: settings.baseline == Some(Baseline::Taylor),
                     reach_to_cuts: reach_to_cuts(settings.tolerance),
                     narrowest: 0.0,
+                    // An interpolation across the border is off by a half of it.
+                    highest_end: (settings.tolerance / 2.0) as f32,
                 },
                 spent,
                 lead: lead(&visible[1], settings, lens.projection),

@@ -159,6 +159,9 @@ pub struct RenderSettings {
     pub tolerance: f64,
     /// Squared Mahalanobis radius at which kernels are cut off; their mass is renormalised. [`crate::settle()`] may find another.
     pub cutoff: f64,
+    /// The share of the tolerance below which opacities are left out: several kernels end in a pixel, and what they lack together is to
+    /// stay within the tolerance. [`crate::settle()`] may find another.
+    pub end_share: f64,
     /// Squared Mahalanobis radius at which surfels end, to references too: it is a part of what they are.
     pub outline: f64,
     /// Whether splats of coarser levels are drawn where the tolerance allows, of clouds that have levels.
@@ -189,9 +192,9 @@ impl RenderSettings {
         if matches!(kind, Kind::Surface(_)) { self.outline } else { self.cutoff }
     }
 
-    /// Opacities below this are left out: several kernels end in a pixel, and what they lack together is to stay within the tolerance.
+    /// Opacities below this are left out.
     pub(crate) fn least_opacity(&self) -> f64 {
-        self.tolerance / 8.0
+        self.tolerance * self.end_share
     }
 }
 
@@ -207,6 +210,7 @@ impl Default for RenderSettings {
             background: [0.0; 4],
             tolerance: 1.0 / 255.0,
             cutoff: 12.25,
+            end_share: 0.125,
             outline: 12.25,
             level_of_detail: true,
             budget: None,

@@ -2,6 +2,7 @@
 
 use crate::camera::Camera;
 use crate::color::linear_to_srgb;
+use crate::columns::Kind;
 use crate::frame::Channels;
 use crate::render::Renderer;
 use crate::scene::{Blend, FootprintForm, Order, RenderSettings, Scene};
@@ -24,8 +25,12 @@ const SHARE_OF_ENDS: f64 = 0.5;
 /// opacities end.
 const TRUTH_OF_ENDS: f64 = 0.125;
 
-/// Where they may end, nearer than usual. Windows may miss most of the few pixels that still nearer ends change.
+/// Where kernels with an extinction may end, nearer than usual. Windows may miss most of the few pixels that still nearer ends change.
 const NEARER: f64 = 9.0;
+
+/// The shares of the tolerance that opacities may end at, from the quickest to the finest: where dozens lie in a pixel, what they lack
+/// adds up.
+const END_SHARES: [f64; 5] = [1.0 / 4.0, 1.0 / 8.0, 1.0 / 16.0, 1.0 / 32.0, 1.0 / 64.0];
 
 /// Fewer pixels that show anything tell nothing of that.
 const LEAST_SHOWN: usize = 100;
@@ -65,14 +70,17 @@ const FINER: [(Order, FootprintForm); 2] =
 ///
 /// 64 windows of 6×6 pixels, spread over the picture, are drawn in one way after another, from the quickest on, and the first
 /// is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Kernels are drawn
-/// to where opacities end; then the way that is taken is drawn with nearer ends: with [`RenderSettings::cutoff`], which is kept
-/// if 99 % of the pixels that show anything differ by at most half of the tolerance from the finest way drawn at an eighth of it
-/// (way, levels and ends are judged together), and then, where that is what it is by default, with 9. The picture is then drawn
-/// with what this gives, as often as is wanted: nothing changes from frame to frame.
+/// to where opacities end; then the way that is taken is drawn with nearer ends, from the nearest on, and the first are taken that
+/// keep to a share of the tolerance beside the finest way drawn at an eighth of it (way, levels and ends are judged together):
+/// - Extinctions end at a [cut-off](RenderSettings::cutoff) of 9, if that is what it is by default, or as it is, where 99 % of the
+///   pixels that show anything differ by at most half of the tolerance.
+/// - Opacities end at a [share of the tolerance](RenderSettings::end_share) from a quarter to 1/64, where 99.9 % differ by at most 0.6 of
+///   it. They are cut off by their opacity alone, which costs little.
+///
+/// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame.
 ///
 /// An order or a form that is not left to the engine stays as it is; with both, all does. Kernels with opacities alone keep the
-/// order that defines them and the forms that their bounds ask for; there is nothing to try, but they are cut off by their opacity
-/// alone, which costs little. Surfaces by themselves need no order.
+/// order that defines them. Surfaces by themselves need no order.
 ///
 /// # Errors
 /// Those of [`crate::render()`].
@@ -83,46 +91,40 @@ pub fn settle(
 ) -> Result<RenderSettings, SceneError> {
     settings.validate()?;
     scene.validate()?;
-    if scene.is_sorted_by_definition() && settings.order == Order::Auto {
-        return Ok(RenderSettings { order: Order::Centers, ..with_far_ends(settings) });
+    if settings.order != Order::Auto && settings.footprint != FootprintForm::Auto {
+        return Ok(*settings);
     }
-    let ways = ways(scene, settings);
-    let [others @ .., last] = &ways[..] else { return Ok(*settings) };
+    let (ways, ends) = (ways(scene, settings), ends(scene, settings));
+    let ([others @ .., last], [nearer @ .., far]) = (&ways[..], &ends[..]) else { return Ok(*settings) };
     let windows = windows(camera);
-    if others.is_empty() || windows.is_empty() {
-        return Ok(RenderSettings { order: last.0, footprint: last.1, ..*settings });
+    if windows.is_empty() || (others.is_empty() && nearer.is_empty()) {
+        return Ok(RenderSettings { order: last.0, footprint: last.1, ..*far });
     }
     let empty = Trial::new(&Scene::default(), &windows[..1]).drawn(settings, *last)?[0];
     let trial = Trial::new(scene, &windows);
-    let usual = *settings;
-    let has_kernels = !scene.clouds.iter().all(|cloud| cloud.is_surface());
-    let far = if has_kernels { with_far_ends(settings) } else { usual };
-    let truth = trial.drawn(&far, *last)?;
+    let truth = trial.drawn(far, *last)?;
     let mut taken = *last;
     for way in others {
-        let found = trial.drawn(&far, *way)?;
-        if error([&truth, &found], empty, 0.999) <= SHARE_OF_WAYS * usual.tolerance {
+        let found = trial.drawn(far, *way)?;
+        if error([&truth, &found], empty, 0.999) <= SHARE_OF_WAYS * settings.tolerance {
             taken = *way;
             break;
         }
     }
-    let mut cutoff = far.cutoff;
-    let shown = truth.iter().filter(|pixel| **pixel != empty).count();
-    let is_left_open = usual.cutoff == RenderSettings::default().cutoff && shown >= LEAST_SHOWN;
-    let nearer = [Some(usual.cutoff), is_left_open.then_some(NEARER)].into_iter().flatten();
-    let nearer: Vec<f64> = nearer.filter(|nearer| has_kernels && *nearer < cutoff).collect();
-    if !nearer.is_empty() {
-        let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * usual.tolerance, ..usual };
-        let stricter = trial.drawn(&with_far_ends(&strict), *last)?;
-        for nearer in nearer {
-            let found = trial.drawn(&RenderSettings { cutoff: nearer, ..usual }, taken)?;
-            if error([&stricter, &found], empty, 0.99) > SHARE_OF_ENDS * usual.tolerance {
-                break;
-            }
-            cutoff = nearer;
+    let taken = |ends: &RenderSettings| RenderSettings { order: taken.0, footprint: taken.1, ..*ends };
+    if nearer.is_empty() || truth.iter().filter(|pixel| **pixel != empty).count() < LEAST_SHOWN {
+        return Ok(taken(far));
+    }
+    let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * settings.tolerance, ..*far };
+    let stricter = trial.drawn(&with_far_ends(&strict), *last)?;
+    let (rank, share) = if scene.has_opacities() { (0.999, SHARE_OF_WAYS) } else { (0.99, SHARE_OF_ENDS) };
+    for ends in nearer {
+        let found = trial.drawn(ends, (taken(ends).order, taken(ends).footprint))?;
+        if error([&stricter, &found], empty, rank) <= share * settings.tolerance {
+            return Ok(taken(ends));
         }
     }
-    Ok(RenderSettings { order: taken.0, footprint: taken.1, cutoff, ..usual })
+    Ok(taken(far))
 }
 
 /// Settings that draw kernels to where opacities end.
@@ -135,10 +137,32 @@ fn opacities_end(settings: &RenderSettings) -> f64 {
     settings.cutoff.max(-2.0 * settings.least_opacity().max(1e-9).ln())
 }
 
+/// Settings with the ends that the scene's kernels may have, from the nearest to the farthest.
+fn ends(scene: &Scene, settings: &RenderSettings) -> Vec<RenderSettings> {
+    let has_extinctions = scene.clouds.iter().any(|cloud| matches!(cloud.columns().kind, Kind::Extinction));
+    let mut ends = Vec::new();
+    if has_extinctions {
+        let is_left_open = settings.cutoff == RenderSettings::default().cutoff;
+        ends.extend(is_left_open.then_some(RenderSettings { cutoff: NEARER, ..*settings }));
+        ends.push(*settings);
+    }
+    if scene.has_opacities() {
+        let shares = END_SHARES.into_iter().filter(|share| !has_extinctions || *share <= settings.end_share);
+        ends.extend(shares.map(|end_share| with_far_ends(&RenderSettings { end_share, ..*settings })));
+    } else if has_extinctions {
+        ends.push(with_far_ends(settings));
+    } else {
+        ends.push(*settings);
+    }
+    ends.dedup();
+    ends
+}
+
 /// The ways that the settings allow, from the quickest to the finest.
 fn ways(scene: &Scene, settings: &RenderSettings) -> Vec<(Order, FootprintForm)> {
     let order = match settings.order {
         Order::Auto if scene.clouds.iter().all(|cloud| cloud.is_surface()) => Some(Order::Auto),
+        Order::Auto if scene.is_sorted_by_definition() => Some(Order::Centers),
         Order::Auto => None,
         order => Some(order),
     };

@@ -184,6 +184,7 @@ mod tests {
                 is_taylor: false,
                 reach_to_cuts: 4.0,
                 narrowest: 0.0,
+                highest_end: 0.0,
             };
             let compositor = Compositor { records: &records.records, rects: &records.rects, lens, spent: 0.0, lead, keeps_depth: false };
             for [column, row] in (0..24).map(|i| [i % 6, i / 6]) {

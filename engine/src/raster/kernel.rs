@@ -42,6 +42,8 @@ pub(crate) struct KernelLens {
     pub(crate) reach_to_cuts: f32,
     /// Kernels whose standard deviation in the picture is less, in pixels, are [rough](Kernels::rough); where it is 0, none are.
     pub(crate) narrowest: f32,
+    /// Rough, too, are kernels that end higher.
+    pub(crate) highest_end: f32,
 }
 
 /// How many σ_z from a cut kernels are taken to lie wholly before it or behind it.
@@ -237,9 +239,8 @@ impl Kernels {
             let trace = a.mul_add(a, b.mul_add(b, c * c));
             let most = 2.0 * HALF_LOG2_E / (lens.narrowest * lens.narrowest);
             let narrow = trace.simd_gt(W::simd_from(simd, most));
-            // Half of the tolerance at the border, of which an interpolation across it is off by a half. Opacities end below that.
             let border = exp2_from(simd, -end, -126.0) * amplitude;
-            let rough = narrow | border.simd_gt(W::simd_from(simd, 4.0 * lens.least_alpha));
+            let rough = narrow | border.simd_gt(W::simd_from(simd, lens.highest_end));
             self.rough |= rough.to_bitmask() << first;
         }
         let x = slope[0] * reciprocal(simd, a);
