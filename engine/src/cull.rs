@@ -268,13 +268,22 @@ const BISECTIONS: usize = 8;
 
 /// How many pixels the rectangle around all ranges has, at most.
 pub(crate) fn touched_pixels<'a>(camera: &Camera, ranges: impl Iterator<Item = &'a VisibleRange>) -> f64 {
-    let size = camera.size().map(f64::from);
+    let [low, high] = touched_part(camera, ranges);
+    (high - low).max(DVec2::ZERO).element_product()
+}
+
+/// The part of the picture that all ranges may touch, from its top left to its bottom right in pixels.
+pub(crate) fn touched_part<'a>(
+    camera: &Camera,
+    ranges: impl Iterator<Item = &'a VisibleRange>,
+) -> [DVec2; 2] {
+    let size = DVec2::from(camera.size().map(f64::from));
     let intrinsics = camera.intrinsics();
     let perspective = camera.projection() == Projection::Perspective;
-    let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+    let (mut low, mut high) = (size, DVec2::ZERO);
     for VisibleRange { center_in_camera: center, reach, .. } in ranges {
         if perspective && center.z <= 2.0 * reach {
-            return size[0] * size[1];
+            return [DVec2::ZERO, size];
         }
         // A sphere is seen between slopes that differ from its middle's by at most this.
         let scale = intrinsics.focal / if perspective { center.z - reach } else { 1.0 };
@@ -283,8 +292,7 @@ pub(crate) fn touched_pixels<'a>(camera: &Camera, ranges: impl Iterator<Item = &
         low = low.min(intrinsics.center + middle - half - nearer);
         high = high.max(intrinsics.center + middle + half + nearer);
     }
-    let inside = |end: DVec2| end.clamp(DVec2::ZERO, DVec2::from(size));
-    (inside(high) - inside(low)).max(DVec2::ZERO).element_product()
+    [low.max(DVec2::ZERO), high.min(size)]
 }
 
 /// At most how many times longer a vector gets; exact where proportions are kept.

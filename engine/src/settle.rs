@@ -3,6 +3,7 @@
 use crate::camera::Camera;
 use crate::color::linear_to_srgb;
 use crate::columns::Kind;
+use crate::cull::{find_affordable, touched_part};
 use crate::frame::Channels;
 use crate::render::Renderer;
 use crate::scene::{Blend, FootprintForm, Order, RenderSettings, Scene};
@@ -68,7 +69,7 @@ const FINER: [(Order, FootprintForm); 2] =
 /// Settles what settings leave to the engine, [`Order::Auto`] and [`FootprintForm::Auto`]: the quickest way that keeps to the
 /// tolerance.
 ///
-/// 64 windows of 6×6 pixels, spread over the picture, are drawn in one way after another, from the quickest on, and the first
+/// 64 windows of 6×6 pixels, spread over what the scene may touch of the picture, are drawn in one way after another, from the quickest on, and the first
 /// is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Kernels are drawn
 /// to where opacities end; then the way that is taken is drawn with nearer ends, from the nearest on, and the first are taken that
 /// keep to a share of the tolerance beside the finest way drawn at an eighth of it (way, levels and ends are judged together):
@@ -96,7 +97,7 @@ pub fn settle(
     }
     let (ways, ends) = (ways(scene, settings), ends(scene, settings));
     let ([others @ .., last], [nearer @ .., far]) = (&ways[..], &ends[..]) else { return Ok(*settings) };
-    let windows = windows(camera);
+    let windows = windows(scene, camera, settings);
     if windows.is_empty() || (others.is_empty() && nearer.is_empty()) {
         return Ok(RenderSettings { order: last.0, footprint: last.1, ..*far });
     }
@@ -181,20 +182,34 @@ fn ways(scene: &Scene, settings: &RenderSettings) -> Vec<(Order, FootprintForm)>
     ways
 }
 
-/// Cameras that see parts of the picture: each in a random place of its share of it.
-fn windows(camera: &Camera) -> Vec<Camera> {
-    let [width, height] = camera.size();
-    let count = [width, height].map(|side| (side / WINDOW).min(WINDOWS));
+/// Cameras that see windows of the part of the picture that the scene may touch: each in a random place of its share of that.
+fn windows(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> Vec<Camera> {
+    let mut visible = Vec::new();
+    find_affordable(scene, camera, settings, &mut visible);
+    let part = touched_part(camera, visible.iter());
+    let side = |axis: usize| {
+        let [low, high] = part.map(|corner| corner[axis]);
+        // A window at least, if there is room for one.
+        let missing = (f64::from(WINDOW) - (high - low)).max(0.0).ceil();
+        let length = camera.size()[axis];
+        let low = (low - missing).max(0.0) as u32;
+        low..length.min((high + missing).ceil() as u32)
+    };
+    let sides = [side(0), side(1)];
+    if visible.is_empty() {
+        return Vec::new();
+    }
+    let count = [0, 1].map(|axis| (sides[axis].len() as u32 / WINDOW).min(WINDOWS));
     let places = (0..count[0] * count[1]).map(|i| [i % count[0], i / count[0]]);
-    let corner = |place: [u32; 2], axis: usize, side: u32| {
-        let room = side - WINDOW;
+    let corner = |place: [u32; 2], axis: usize| {
+        let side = &sides[axis];
+        let room = side.len() as u32 - WINDOW;
         // Weyl's sequence: even, and in step with nothing in the picture.
         let step = f64::from(place[0] * count[1] + place[1]) * [0.754_877_67, 0.569_840_29][axis];
         let share = (f64::from(place[axis]) + step.fract()) / f64::from(count[axis]);
-        (f64::from(room) * share) as i32
+        (side.start + (f64::from(room) * share) as u32) as i32
     };
-    let window =
-        |place: [u32; 2]| camera.part([corner(place, 0, width), corner(place, 1, height)], [WINDOW; 2]).ok();
+    let window = |place: [u32; 2]| camera.part([corner(place, 0), corner(place, 1)], [WINDOW; 2]).ok();
     places.filter_map(window).collect()
 }
 

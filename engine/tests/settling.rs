@@ -1,0 +1,101 @@
+//! What is left to the engine, settled by trial: beside the finest way, and wherever a scene is in the picture.
+
+#![allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
+
+mod scenes;
+
+use glam::{Mat3, Vec3};
+use oblate_engine::{
+    Cloud, FootprintForm, Material, OpacityFilter, Order, RenderSettings, Scene, Shapes, Splats, Strength,
+    settle,
+};
+use scenes::{draw, unshaded};
+
+/// Places in the unit ball by Weyl's sequence, as many as a cube of `count` gives.
+fn in_ball(count: usize) -> Vec<Vec3> {
+    let steps = [0.819_172_5, 0.671_043_6, 0.549_700_5];
+    let place = |i: usize| Vec3::from(steps.map(|step: f64| (2.0 * (i as f64 * step).fract() - 1.0) as f32));
+    (0..count).map(place).filter(|place| place.length() < 1.0).collect()
+}
+
+/// The error that 99.9 % of the pixels keep to that show anything.
+fn error(truth: &[[f32; 4]], found: &[[f32; 4]]) -> f64 {
+    let shown = truth.iter().zip(found).filter(|(a, b)| a[3] + b[3] > 0.0);
+    let largest = |(a, b): (&[f32; 4], &[f32; 4])| (0..4).map(|i| (a[i] - b[i]).abs()).fold(0.0, f32::max);
+    let mut errors: Vec<f32> = shown.map(largest).collect();
+    errors.sort_by(f32::total_cmp);
+    f64::from(errors[errors.len() * 999 / 1000])
+}
+
+/// Nearly a hundred to the pixel in a ball that is small in the picture: each may lack little where it ends, but together they lack much.
+#[test]
+fn what_crowds_lack_where_they_end_stays_within_the_tolerance() {
+    let centers = in_ball(200_000);
+    let count = centers.len();
+    let crowd = Cloud::new(Splats {
+        centers,
+        shapes: Shapes::Shared(Mat3::from_diagonal(Vec3::splat(0.004))),
+        strength: Strength::Opacity { peaks: vec![0.1; count], filter: OpacityFilter::Classic },
+        colors: vec![[1.0; 3]; count],
+        harmonics: None,
+        normals: None,
+        material: Material::UNLIT,
+    })
+    .unwrap();
+    let camera = scenes::camera(4.6, 48);
+    let tolerance = 8.0 / 255.0;
+    let left_open = RenderSettings { tolerance, ..unshaded() };
+    let finest = RenderSettings {
+        footprint: FootprintForm::Exact,
+        order: Order::Centers,
+        tolerance: 1e-6,
+        cutoff: 30.0,
+        ..unshaded()
+    };
+    let scene = Scene { clouds: vec![crowd.clone()], lights: Vec::new() };
+    let settled = settle(&scene, &camera, &left_open).unwrap();
+    let [truth, usual, settled] =
+        [finest, left_open, settled].map(|settings| draw(vec![crowd.clone()], &camera, &settings).color);
+    let [usual, settled] = [error(&truth, &usual), error(&truth, &settled)];
+    assert!(usual > tolerance, "nothing is shown of what ends lack");
+    assert!(settled <= tolerance, "{settled} is more than {tolerance}");
+}
+
+/// Dense kernels in two colours, which sorted centres get wrong, a tenth as wide as the picture and in its corner.
+#[test]
+fn what_is_small_in_the_picture_is_looked_at() {
+    let centers = in_ball(20_000);
+    let count = centers.len();
+    let sigma = 0.06f32;
+    let colors = (0..count).map(|i| [[1.0, 0.1, 0.0], [0.0, 0.2, 1.0]][i % 2]).collect();
+    let dense = Cloud::new(Splats {
+        centers,
+        shapes: Shapes::Shared(Mat3::from_diagonal(Vec3::splat(sigma))),
+        strength: Strength::Extinction { masses: vec![0.6 * sigma * sigma; count] },
+        colors,
+        harmonics: None,
+        normals: None,
+        material: Material::UNLIT,
+    })
+    .unwrap();
+    let scene = Scene { clouds: vec![dense.clone()], lights: Vec::new() };
+    let amid_nothing = scenes::camera(4.6, 48).part([-400, -37], [480, 480]).unwrap();
+    let settled = settle(&scene, &amid_nothing, &unshaded()).unwrap();
+    let finest = RenderSettings {
+        footprint: FootprintForm::Exact,
+        order: Order::Slabs { thickness: 0.25 },
+        tolerance: 1e-6,
+        cutoff: 30.0,
+        ..unshaded()
+    };
+    let quickest = RenderSettings {
+        order: Order::Shells { thickness: 0.5 },
+        footprint: FootprintForm::Affine,
+        ..unshaded()
+    };
+    let [truth, found, quick] =
+        [finest, settled, quickest].map(|settings| draw(vec![dense.clone()], &amid_nothing, &settings).color);
+    let [found, quick] = [error(&truth, &found), error(&truth, &quick)];
+    assert!(quick > unshaded().tolerance, "the quickest way would do: {quick}");
+    assert!(found <= unshaded().tolerance, "{found}, in {:?}", settled.order);
+}
