@@ -1,22 +1,20 @@
 //! What is left to the engine, settled by trial.
 
-use crate::camera::Camera;
-use crate::color::linear_to_srgb;
-use crate::columns::Kind;
-use crate::cull::{find_affordable, touched_part};
-use crate::frame::Channels;
-use crate::render::Renderer;
-use crate::scene::{Blend, FootprintForm, Order, RenderSettings, Scene};
-use crate::validate::SceneError;
-use rayon::prelude::*;
-use std::sync::{Mutex, PoisonError};
+mod trial;
+mod windows;
 
-/// Windows along a side of the picture, and pixels along a side of a window.
-const WINDOWS: u32 = 8;
-const WINDOW: u32 = 6;
+use crate::camera::Camera;
+use crate::columns::Kind;
+use crate::scene::{FootprintForm, Order, RenderSettings, Scene};
+use crate::validate::SceneError;
+use trial::Trial;
+use windows::windows;
 
 /// The share of the tolerance that 99.9 % of the pixels of windows may be off by in a way: they are a sample.
 const SHARE_OF_WAYS: f64 = 0.6;
+
+/// The share that the other pixels of windows may be off by, or the way isn't taken whatever other windows show.
+const MOST_OF_WAYS: f64 = 2.0;
 
 /// The share that 99 % may be off by where kernels end nearer. Windows see little of the tail of these errors, which lie along all
 /// borders: of whole pictures what 99.9 % are off by was 1.2 to 1.8 times what 99 % are.
@@ -69,9 +67,10 @@ const FINER: [(Order, FootprintForm); 2] =
 /// Settles what settings leave to the engine, [`Order::Auto`] and [`FootprintForm::Auto`]: the quickest way that keeps to the
 /// tolerance.
 ///
-/// 64 windows of 6×6 pixels, spread over what the scene may touch of the picture, are drawn in one way after another, from the quickest on, and the first
-/// is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Kernels are drawn
-/// to where opacities end; then the way that is taken is drawn with nearer ends, from the nearest on, and the first are taken that
+/// 64 windows of 6×6 pixels, spread over what the scene may touch of the picture, are drawn in one way after another, from the quickest
+/// on, and the first is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Where a
+/// hundredth at most are off by more, and by two tolerances at most, 192 windows elsewhere tell whether they are too many. Kernels are
+/// drawn to where opacities end; then the way that is taken is drawn with nearer ends, from the nearest on, and the first are taken that
 /// keep to a share of the tolerance beside the finest way drawn at an eighth of it (way, levels and ends are judged together):
 /// - Extinctions end at a [cut-off](RenderSettings::cutoff) of 9, if that is what it is by default, or as it is, where 99 % of the
 ///   pixels that show anything differ by at most half of the tolerance.
@@ -97,35 +96,37 @@ pub fn settle(
     }
     let (ways, ends) = (ways(scene, settings), ends(scene, settings));
     let ([others @ .., last], [nearer @ .., far]) = (&ways[..], &ends[..]) else { return Ok(*settings) };
+    let drawn_in = |way: &(Order, FootprintForm), ends: &RenderSettings| RenderSettings {
+        order: way.0,
+        footprint: way.1,
+        ..*ends
+    };
     let windows = windows(scene, camera, settings);
-    if windows.is_empty() || (others.is_empty() && nearer.is_empty()) {
-        return Ok(RenderSettings { order: last.0, footprint: last.1, ..*far });
+    if windows[0].is_empty() || (others.is_empty() && nearer.is_empty()) {
+        return Ok(drawn_in(last, far));
     }
-    let empty = Trial::new(&Scene::default(), &windows[..1]).drawn(settings, *last)?[0];
-    let trial = Trial::new(scene, &windows);
-    let truth = trial.drawn(far, *last)?;
-    let mut taken = *last;
+    let trial = Trial::new((scene, &windows), drawn_in(last, far))?;
+    let mut taken = last;
     for way in others {
-        let found = trial.drawn(far, *way)?;
-        if error([&truth, &found], empty, 0.999) <= SHARE_OF_WAYS * settings.tolerance {
-            taken = *way;
+        let limits = [SHARE_OF_WAYS, MOST_OF_WAYS].map(|share| share * settings.tolerance);
+        if trial.is_within(limits, &drawn_in(way, far))? {
+            taken = way;
             break;
         }
     }
-    let taken = |ends: &RenderSettings| RenderSettings { order: taken.0, footprint: taken.1, ..*ends };
-    if nearer.is_empty() || truth.iter().filter(|pixel| **pixel != empty).count() < LEAST_SHOWN {
-        return Ok(taken(far));
+    if nearer.is_empty() || trial.shown() < LEAST_SHOWN {
+        return Ok(drawn_in(taken, far));
     }
     let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * settings.tolerance, ..*far };
-    let stricter = trial.drawn(&with_far_ends(&strict), *last)?;
-    let (rank, share) = if scene.has_opacities() { (0.999, SHARE_OF_WAYS) } else { (0.99, SHARE_OF_ENDS) };
+    let trial = Trial::new((scene, &windows), drawn_in(last, &with_far_ends(&strict)))?;
+    let (share, rank) = if scene.has_opacities() { (SHARE_OF_WAYS, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
     for ends in nearer {
-        let found = trial.drawn(ends, (taken(ends).order, taken(ends).footprint))?;
-        if error([&stricter, &found], empty, rank) <= share * settings.tolerance {
-            return Ok(taken(ends));
+        let settled = drawn_in(taken, ends);
+        if trial.error(rank, &settled)? <= share * settings.tolerance {
+            return Ok(settled);
         }
     }
-    Ok(taken(far))
+    Ok(drawn_in(taken, far))
 }
 
 /// Settings that draw kernels to where opacities end.
@@ -180,95 +181,4 @@ fn ways(scene: &Scene, settings: &RenderSettings) -> Vec<(Order, FootprintForm)>
         }
     }
     ways
-}
-
-/// Cameras that see windows of the part of the picture that the scene may touch: each in a random place of its share of that.
-fn windows(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> Vec<Camera> {
-    let mut visible = Vec::new();
-    find_affordable(scene, camera, settings, &mut visible);
-    let part = touched_part(camera, visible.iter());
-    let side = |axis: usize| {
-        let [low, high] = part.map(|corner| corner[axis]);
-        // A window at least, if there is room for one.
-        let missing = (f64::from(WINDOW) - (high - low)).max(0.0).ceil();
-        let length = camera.size()[axis];
-        let low = (low - missing).max(0.0) as u32;
-        low..length.min((high + missing).ceil() as u32)
-    };
-    let sides = [side(0), side(1)];
-    if visible.is_empty() {
-        return Vec::new();
-    }
-    let count = [0, 1].map(|axis| (sides[axis].len() as u32 / WINDOW).min(WINDOWS));
-    let places = (0..count[0] * count[1]).map(|i| [i % count[0], i / count[0]]);
-    let corner = |place: [u32; 2], axis: usize| {
-        let side = &sides[axis];
-        let room = side.len() as u32 - WINDOW;
-        // Weyl's sequence: even, and in step with nothing in the picture.
-        let step = f64::from(place[0] * count[1] + place[1]) * [0.754_877_67, 0.569_840_29][axis];
-        let share = (f64::from(place[axis]) + step.fract()) / f64::from(count[axis]);
-        (side.start + (f64::from(room) * share) as u32) as i32
-    };
-    let window = |place: [u32; 2]| camera.part([corner(place, 0), corner(place, 1)], [WINDOW; 2]).ok();
-    places.filter_map(window).collect()
-}
-
-/// Draws windows of a scene.
-struct Trial<'a> {
-    scene: &'a Scene,
-    windows: &'a [Camera],
-    /// Those that draw none at the moment.
-    renderers: Mutex<Vec<Renderer>>,
-}
-
-impl<'a> Trial<'a> {
-    fn new(scene: &'a Scene, windows: &'a [Camera]) -> Self {
-        Self { scene, windows, renderers: Mutex::default() }
-    }
-
-    /// The pixels of all windows in the space of blending.
-    fn drawn(
-        &self,
-        settings: &RenderSettings,
-        (order, footprint): (Order, FootprintForm),
-    ) -> Result<Vec<[f32; 4]>, SceneError> {
-        let settings = RenderSettings {
-            order,
-            footprint,
-            channels: Channels::Color,
-            // Windows are too small for it, and it keeps to a share of its own.
-            interpolation: false,
-            // A share of the whole picture's would mean nothing here.
-            budget: None,
-            ..*settings
-        };
-        let idle = || self.renderers.lock().unwrap_or_else(PoisonError::into_inner);
-        let window = |camera: &Camera| {
-            // A thread that waits for others may begin another window before this one is done.
-            let mut renderer = idle().pop().unwrap_or_default();
-            let color = renderer.render(self.scene, camera, &settings, &())?.color.clone();
-            idle().push(renderer);
-            Ok(color)
-        };
-        let frames: Vec<Vec<[f32; 4]>> =
-            self.windows.par_iter().map(window).collect::<Result<_, SceneError>>()?;
-        let encode = |[r, g, b, a]: [f32; 4]| {
-            if settings.blend == Blend::Linear || a <= 0.0 {
-                return [r, g, b, a];
-            }
-            let [r, g, b] = [r, g, b].map(|c| a * linear_to_srgb(c / a));
-            [r, g, b, a]
-        };
-        Ok(frames.into_iter().flatten().map(encode).collect())
-    }
-}
-
-/// The error that a share of the pixels keep to, of those that show anything.
-fn error([truth, found]: [&[[f32; 4]]; 2], empty: [f32; 4], share: f64) -> f64 {
-    let shown = truth.iter().zip(found).filter(|(a, b)| **a != empty || **b != empty);
-    let largest = |(a, b): (&[f32; 4], &[f32; 4])| (0..4).map(|i| (a[i] - b[i]).abs()).fold(0.0, f32::max);
-    let mut errors: Vec<f32> = shown.map(largest).collect();
-    errors.sort_by(f32::total_cmp);
-    let rank = (errors.len() as f64 * share).ceil() as usize;
-    errors.get(rank.saturating_sub(1)).map_or(0.0, |error| f64::from(*error))
 }

@@ -1,0 +1,131 @@
+//! Ways of drawing beside the one that is right, in windows.
+
+use crate::camera::Camera;
+use crate::color::linear_to_srgb;
+use crate::frame::Channels;
+use crate::render::Renderer;
+use crate::scene::{Blend, RenderSettings, Scene};
+use crate::validate::SceneError;
+use rayon::prelude::*;
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+/// Of what no more pixels are off by than one in so many, few windows can't tell how many are.
+const RARE: f64 = 0.99;
+
+/// A pixel in the space of blending.
+type Pixel = [f32; 4];
+
+/// Windows of a scene, drawn as is right.
+pub(super) struct Trial<'a> {
+    scene: &'a Scene,
+    /// The first, and those that are looked at where these can't decide.
+    windows: &'a [Vec<Camera>; 2],
+    right: RenderSettings,
+    truth: Vec<Pixel>,
+    more_truth: OnceLock<Vec<Pixel>>,
+    /// Where nothing is seen.
+    empty: Pixel,
+    /// Those that draw none at the moment.
+    renderers: Mutex<Vec<Renderer>>,
+}
+
+impl<'a> Trial<'a> {
+    pub(super) fn new(
+        (scene, windows): (&'a Scene, &'a [Vec<Camera>; 2]),
+        right: RenderSettings,
+    ) -> Result<Self, SceneError> {
+        let (truth, more_truth, renderers) = Default::default();
+        let mut trial = Self { scene, windows, right, truth, more_truth, empty: [0.0; 4], renderers };
+        trial.empty = trial.drawn(&Scene::default(), &windows[0][..1], &right)?[0];
+        trial.truth = trial.drawn(scene, &windows[0], &right)?;
+        Ok(trial)
+    }
+
+    /// How many pixels of the first windows show anything.
+    pub(super) fn shown(&self) -> usize {
+        self.truth.iter().filter(|pixel| **pixel != self.empty).count()
+    }
+
+    /// What a share `rank` of the pixels that show anything are off by in pictures drawn with settings.
+    pub(super) fn error(&self, rank: f64, settings: &RenderSettings) -> Result<f64, SceneError> {
+        Ok(keep_to(&mut self.few_errors(settings)?, rank))
+    }
+
+    fn few_errors(&self, settings: &RenderSettings) -> Result<Vec<f32>, SceneError> {
+        Ok(self.errors(&self.truth, &self.drawn(self.scene, &self.windows[0], settings)?))
+    }
+
+    /// Whether 99.9 % of the pixels that show anything are off by at most `limit`. Where a few alone are off by more, but no more than
+    /// `most`, the other windows tell whether they are too many.
+    pub(super) fn is_within(
+        &self,
+        [limit, most]: [f64; 2],
+        settings: &RenderSettings,
+    ) -> Result<bool, SceneError> {
+        let mut errors = self.few_errors(settings)?;
+        if keep_to(&mut errors, 0.999) <= limit {
+            return Ok(true);
+        }
+        if keep_to(&mut errors, RARE) > limit || keep_to(&mut errors, 1.0) > most {
+            return Ok(false);
+        }
+        let more = &self.windows[1];
+        let truth = match self.more_truth.get() {
+            Some(truth) => truth,
+            None => {
+                let truth = self.drawn(self.scene, more, &self.right)?;
+                self.more_truth.get_or_init(|| truth)
+            }
+        };
+        errors.extend(self.errors(truth, &self.drawn(self.scene, more, settings)?));
+        Ok(keep_to(&mut errors, 0.999) <= limit)
+    }
+
+    /// The largest error of a channel in each pixel that shows anything.
+    fn errors(&self, truth: &[Pixel], found: &[Pixel]) -> Vec<f32> {
+        let shown = truth.iter().zip(found).filter(|(a, b)| **a != self.empty || **b != self.empty);
+        let largest = |(a, b): (&Pixel, &Pixel)| (0..4).map(|i| (a[i] - b[i]).abs()).fold(0.0, f32::max);
+        shown.map(largest).collect()
+    }
+
+    /// The pixels of windows.
+    fn drawn(
+        &self,
+        scene: &Scene,
+        windows: &[Camera],
+        settings: &RenderSettings,
+    ) -> Result<Vec<Pixel>, SceneError> {
+        let settings = RenderSettings {
+            channels: Channels::Color,
+            // Windows are too small for it, and it keeps to a share of its own.
+            interpolation: false,
+            // A share of the whole picture's would mean nothing here.
+            budget: None,
+            ..*settings
+        };
+        let idle = || self.renderers.lock().unwrap_or_else(PoisonError::into_inner);
+        let window = |camera: &Camera| {
+            // A thread that waits for others may begin another window before this one is done.
+            let mut renderer = idle().pop().unwrap_or_default();
+            let color = renderer.render(scene, camera, &settings, &())?.color.clone();
+            idle().push(renderer);
+            Ok(color)
+        };
+        let frames: Vec<Vec<Pixel>> = windows.par_iter().map(window).collect::<Result<_, SceneError>>()?;
+        let encode = |[r, g, b, a]: Pixel| {
+            if settings.blend == Blend::Linear || a <= 0.0 {
+                return [r, g, b, a];
+            }
+            let [r, g, b] = [r, g, b].map(|c| a * linear_to_srgb(c / a));
+            [r, g, b, a]
+        };
+        Ok(frames.into_iter().flatten().map(encode).collect())
+    }
+}
+
+/// What a share of errors keep to.
+fn keep_to(errors: &mut [f32], share: f64) -> f64 {
+    errors.sort_by(f32::total_cmp);
+    let rank = (errors.len() as f64 * share).ceil() as usize;
+    errors.get(rank.saturating_sub(1)).map_or(0.0, |error| f64::from(*error))
+}

@@ -1,0 +1,45 @@
+//! Where it is tried how a picture can be drawn.
+
+use crate::camera::Camera;
+use crate::cull::{find_affordable, touched_part};
+use crate::scene::{RenderSettings, Scene};
+
+/// Windows along a side of what the scene touches of the picture, and pixels along a side of a window.
+const WINDOWS: u32 = 8;
+const WINDOW: u32 = 6;
+
+/// As many windows as the first ones are kept for what they can't decide.
+const MORE: u32 = 3;
+
+/// Cameras that see windows of the part of the picture that the scene may touch: each in a random place of its share of that. Some first,
+/// and some more elsewhere.
+pub(super) fn windows(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> [Vec<Camera>; 2] {
+    let mut visible = Vec::new();
+    find_affordable(scene, camera, settings, &mut visible);
+    if visible.is_empty() {
+        return Default::default();
+    }
+    let part = touched_part(camera, visible.iter());
+    let side = |axis: usize| {
+        let [low, high] = part.map(|corner| corner[axis]);
+        // A window at least, if there is room for one.
+        let missing = (f64::from(WINDOW) - (high - low)).max(0.0).ceil();
+        let length = camera.size()[axis];
+        let low = (low - missing).max(0.0) as u32;
+        low..length.min((high + missing).ceil() as u32)
+    };
+    let sides = [side(0), side(1)];
+    let count = [0, 1].map(|axis| (sides[axis].len() as u32 / WINDOW).min(WINDOWS));
+    let all = count[0] * count[1];
+    let corner = |number: u32, axis: usize| {
+        let side = &sides[axis];
+        let room = side.len() as u32 - WINDOW;
+        let place = [number % all / count[1], number % count[1]][axis];
+        // Weyl's sequence: even, and in step with nothing in the picture.
+        let step = f64::from(number) * [0.754_877_67, 0.569_840_29][axis];
+        let share = (f64::from(place) + step.fract()) / f64::from(count[axis]);
+        (side.start + (f64::from(room) * share) as u32) as i32
+    };
+    let window = |number: u32| camera.part([corner(number, 0), corner(number, 1)], [WINDOW; 2]).ok();
+    [0..all, all..(1 + MORE) * all].map(|numbers| numbers.filter_map(window).collect())
+}
