@@ -4,7 +4,7 @@ mod trial;
 mod windows;
 
 use crate::camera::Camera;
-use crate::columns::Kind;
+use crate::columns::{Factors, Kind};
 use crate::scene::{FootprintForm, Order, RenderSettings, Scene};
 use crate::validate::SceneError;
 use trial::Trial;
@@ -40,14 +40,16 @@ const fn slabs(thickness: f64) -> Order {
 
 /// Ways of drawing kernels, from the quickest to the finest. Where forms are left to the engine, each splat is as exact as its
 /// own bound asks for; bounds leave out that errors of neighbours cancel, which trials see.
-const WAYS: [(Order, FootprintForm); 11] = [
+const WAYS: [(Order, FootprintForm); 13] = [
     (SHELLS, FootprintForm::Affine),
     (slabs(2.45), FootprintForm::Affine),
     (slabs(2.0), FootprintForm::Affine),
+    (slabs(BOXED), FootprintForm::Affine),
     (SHELLS, FootprintForm::Auto),
     (slabs(1.5), FootprintForm::Affine),
     (slabs(1.0), FootprintForm::Affine),
     (slabs(2.0), FootprintForm::Auto),
+    (slabs(BOXED), FootprintForm::Auto),
     (slabs(1.5), FootprintForm::Auto),
     (slabs(1.0), FootprintForm::Auto),
     (FINE, FootprintForm::Auto),
@@ -55,6 +57,10 @@ const WAYS: [(Order, FootprintForm); 11] = [
 ];
 
 const FINE: Order = slabs(0.5);
+
+/// In σ, about the thinnest slabs of which kernels touch two, as boxes (v ≤ 1.5/12 in [`crate::closing`]'s terms), where all kernels are
+/// alike: thinner ones take twice as long.
+const BOXED: f64 = 1.86;
 
 /// Sorted centres instead where there are opacities, which are defined by their order, or several clouds of kernels: of two that overlap
 /// one would come first in every shell.
@@ -69,7 +75,7 @@ const FINER: [(Order, FootprintForm); 2] =
 ///
 /// 64 windows of 6×6 pixels, spread over what the scene may touch of the picture, are drawn in one way after another, from the quickest
 /// on, and the first is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Where a
-/// hundredth at most are off by more, and by two tolerances at most, 192 windows elsewhere tell whether they are too many. Kernels are
+/// hundredth at most are off by more, and by two tolerances at most, as many windows elsewhere tell whether they are too many. Kernels are
 /// drawn to where opacities end; then the way that is taken is drawn with nearer ends, from the nearest on, and the first are taken that
 /// keep to a share of the tolerance beside the finest way drawn at an eighth of it (way, levels and ends are judged together):
 /// - Extinctions end at a [cut-off](RenderSettings::cutoff) of 9, if that is what it is by default, or as it is, where 99 % of the
@@ -170,9 +176,11 @@ fn ways(scene: &Scene, settings: &RenderSettings) -> Vec<(Order, FootprintForm)>
     };
     let kernels = || scene.clouds.iter().filter(|cloud| !cloud.is_surface());
     let needs_centers = scene.has_opacities() || kernels().count() > 1;
+    let are_alike = kernels().all(|cloud| matches!(cloud.columns().factors, Factors::Shared(_)));
     let mut ways = Vec::new();
     let finer = FINER.into_iter().filter(|_| settings.tolerance < 1.0 / 255.0);
-    for (own, form) in WAYS.into_iter().chain(finer) {
+    let is_left_out = |way: &(Order, FootprintForm)| way.0 == slabs(BOXED) && !are_alike;
+    for (own, form) in WAYS.into_iter().chain(finer).filter(|way| !is_left_out(way)) {
         let form = if settings.footprint == FootprintForm::Auto { form } else { settings.footprint };
         let own = if own == SHELLS && needs_centers { Order::Centers } else { own };
         let way = (order.unwrap_or(own), form);

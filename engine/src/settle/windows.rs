@@ -8,11 +8,8 @@ use crate::scene::{RenderSettings, Scene};
 const WINDOWS: u32 = 8;
 const WINDOW: u32 = 6;
 
-/// As many windows as the first ones are kept for what they can't decide.
-const MORE: u32 = 3;
-
-/// Cameras that see windows of the part of the picture that the scene may touch: each in a random place of its share of that. Some first,
-/// and some more elsewhere.
+/// Cameras that see windows of the part of the picture that the scene may touch: each in a random place of its share of that; and as
+/// many elsewhere, for what these can't decide.
 pub(super) fn windows(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> [Vec<Camera>; 2] {
     let mut visible = Vec::new();
     find_affordable(scene, camera, settings, &mut visible);
@@ -41,5 +38,5 @@ pub(super) fn windows(scene: &Scene, camera: &Camera, settings: &RenderSettings)
         (side.start + (f64::from(room) * share) as u32) as i32
     };
     let window = |number: u32| camera.part([corner(number, 0), corner(number, 1)], [WINDOW; 2]).ok();
-    [0..all, all..(1 + MORE) * all].map(|numbers| numbers.filter_map(window).collect())
+    [0..all, all..2 * all].map(|numbers| numbers.filter_map(window).collect())
 }
