@@ -48,6 +48,11 @@ impl<const N: usize> Column<N> {
         Self(vec![numbers.map(|number| [number; LANES]); len.min(1)])
     }
 
+    /// Whether one block stands for all.
+    fn is_alike(&self) -> bool {
+        matches!(&self.0[..], [] | [_]) && self.0.iter().flatten().all(|row| *row == [row[0]; LANES])
+    }
+
     /// The column of finished blocks.
     pub(crate) fn of_blocks(mut blocks: Vec<[Lanes; N]>) -> Self {
         if let [first, second, ..] = &blocks[..] {
@@ -128,6 +133,16 @@ pub(crate) enum Factors {
         /// The third: of flat surfels nothing.
         through: Column<3>,
     },
+}
+
+impl Factors {
+    /// Whether all splats have one.
+    pub(crate) fn are_alike(&self) -> bool {
+        match self {
+            Self::Shared(_) => true,
+            Self::Each { flat, through } => flat.is_alike() && through.is_alike(),
+        }
+    }
 }
 
 /// What the strengths of a cloud mean.

@@ -159,7 +159,7 @@ pub struct RenderSettings {
     pub tolerance: f64,
     /// Squared Mahalanobis radius at which kernels are cut off; their mass is renormalised. [`crate::settle()`] may find another.
     pub cutoff: f64,
-    /// The share of the tolerance below which opacities are left out: several kernels end in a pixel, and what they lack together is to
+    /// The share of the tolerance, from 0 to 1, below which opacities are left out: several kernels end in a pixel, and what they lack together is to
     /// stay within the tolerance. [`crate::settle()`] may find another.
     pub end_share: f64,
     /// Squared Mahalanobis radius at which surfels end, to references too: it is a part of what they are.

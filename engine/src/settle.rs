@@ -4,7 +4,7 @@ mod trial;
 mod windows;
 
 use crate::camera::Camera;
-use crate::columns::{Factors, Kind};
+use crate::columns::Kind;
 use crate::scene::{FootprintForm, Order, RenderSettings, Scene};
 use crate::validate::SceneError;
 use trial::Trial;
@@ -13,12 +13,15 @@ use windows::windows;
 /// The share of the tolerance that 99.9 % of the pixels of windows may be off by in a way: they are a sample.
 const SHARE_OF_WAYS: f64 = 0.6;
 
-/// The share that the other pixels of windows may be off by, or the way isn't taken whatever other windows show.
+/// The share that no pixel of the first windows may be off by more than, or the way isn't taken whatever others show.
 const MOST_OF_WAYS: f64 = 2.0;
 
 /// The share that 99 % may be off by where kernels end nearer. Windows see little of the tail of these errors, which lie along all
 /// borders: of whole pictures what 99.9 % are off by was 1.2 to 1.8 times what 99 % are.
 const SHARE_OF_ENDS: f64 = 0.5;
+
+/// The share that 99.9 % may be off by where opacities end nearer: of these errors the tail is longer.
+const SHARE_OF_OPACITIES: f64 = 0.6;
 
 /// The tolerance of the picture that these are compared with, as a share of the one that is asked for: it is off, too, where its
 /// opacities end.
@@ -31,7 +34,7 @@ const NEARER: f64 = 9.0;
 /// adds up.
 const END_SHARES: [f64; 5] = [1.0 / 4.0, 1.0 / 8.0, 1.0 / 16.0, 1.0 / 32.0, 1.0 / 64.0];
 
-/// Fewer pixels that show anything tell nothing of that.
+/// Fewer pixels that show anything tell nothing of where kernels may end.
 const LEAST_SHOWN: usize = 100;
 
 const fn slabs(thickness: f64) -> Order {
@@ -58,8 +61,8 @@ const WAYS: [(Order, FootprintForm); 13] = [
 
 const FINE: Order = slabs(0.5);
 
-/// In σ, about the thinnest slabs of which kernels touch two, as boxes (v ≤ 1.5/12 in [`crate::closing`]'s terms), where all kernels are
-/// alike: thinner ones take twice as long.
+/// In σ, about the thinnest slabs of which kernels touch two, as boxes (v ≤ 1.5/12 in [`crate::closing`]'s terms), where a volume's samples
+/// are all alike: thinner ones take twice as long.
 const BOXED: f64 = 1.86;
 
 /// Sorted centres instead where there are opacities, which are defined by their order, or several clouds of kernels: of two that overlap
@@ -73,7 +76,7 @@ const FINER: [(Order, FootprintForm); 2] =
 /// Settles what settings leave to the engine, [`Order::Auto`] and [`FootprintForm::Auto`]: the quickest way that keeps to the
 /// tolerance.
 ///
-/// 64 windows of 6×6 pixels, spread over what the scene may touch of the picture, are drawn in one way after another, from the quickest
+/// Up to 64 windows of 6×6 pixels, spread over what the scene may touch of the picture, are drawn in one way after another, from the quickest
 /// on, and the first is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Where a
 /// hundredth at most are off by more, and by two tolerances at most, as many windows elsewhere tell whether they are too many. Kernels are
 /// drawn to where opacities end; then the way that is taken is drawn with nearer ends, from the nearest on, and the first are taken that
@@ -81,9 +84,12 @@ const FINER: [(Order, FootprintForm); 2] =
 /// - Extinctions end at a [cut-off](RenderSettings::cutoff) of 9, if that is what it is by default, or as it is, where 99 % of the
 ///   pixels that show anything differ by at most half of the tolerance.
 /// - Opacities end at a [share of the tolerance](RenderSettings::end_share) from a quarter to 1/64, where 99.9 % differ by at most 0.6 of
-///   it. They are cut off by their opacity alone, which costs little.
+///   it, if that is what it is by default. They are cut off by their opacity alone, which costs little.
+/// - Of both, extinctions end nearer first, with opacities at the share that is set, and then opacities at smaller ones; all is judged as
+///   opacities are.
 ///
-/// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame.
+/// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame. Where windows show nothing,
+/// settings stay as they are.
 ///
 /// An order or a form that is not left to the engine stays as it is; with both, all does. Kernels with opacities alone keep the
 /// order that defines them. Surfaces by themselves need no order.
@@ -107,11 +113,17 @@ pub fn settle(
         footprint: way.1,
         ..*ends
     };
-    let windows = windows(scene, camera, settings);
-    if windows[0].is_empty() || (others.is_empty() && nearer.is_empty()) {
+    if others.is_empty() && nearer.is_empty() {
         return Ok(drawn_in(last, far));
     }
+    let windows = windows(scene, camera, settings);
+    if windows[0].is_empty() {
+        return Ok(*settings);
+    }
     let trial = Trial::new((scene, &windows), drawn_in(last, far))?;
+    if trial.shown() == 0 {
+        return Ok(*settings);
+    }
     let mut taken = last;
     for way in others {
         let limits = [SHARE_OF_WAYS, MOST_OF_WAYS].map(|share| share * settings.tolerance);
@@ -125,7 +137,8 @@ pub fn settle(
     }
     let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * settings.tolerance, ..*far };
     let trial = Trial::new((scene, &windows), drawn_in(last, &with_far_ends(&strict)))?;
-    let (share, rank) = if scene.has_opacities() { (SHARE_OF_WAYS, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
+    let (share, rank) =
+        if scene.has_opacities() { (SHARE_OF_OPACITIES, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
     for ends in nearer {
         let settled = drawn_in(taken, ends);
         if trial.error(rank, &settled)? <= share * settings.tolerance {
@@ -154,10 +167,10 @@ fn ends(scene: &Scene, settings: &RenderSettings) -> Vec<RenderSettings> {
         ends.extend(is_left_open.then_some(RenderSettings { cutoff: NEARER, ..*settings }));
         ends.push(*settings);
     }
-    if scene.has_opacities() {
+    if scene.has_opacities() && settings.end_share == RenderSettings::default().end_share {
         let shares = END_SHARES.into_iter().filter(|share| !has_extinctions || *share <= settings.end_share);
         ends.extend(shares.map(|end_share| with_far_ends(&RenderSettings { end_share, ..*settings })));
-    } else if has_extinctions {
+    } else if has_extinctions || scene.has_opacities() {
         ends.push(with_far_ends(settings));
     } else {
         ends.push(*settings);
@@ -176,7 +189,7 @@ fn ways(scene: &Scene, settings: &RenderSettings) -> Vec<(Order, FootprintForm)>
     };
     let kernels = || scene.clouds.iter().filter(|cloud| !cloud.is_surface());
     let needs_centers = scene.has_opacities() || kernels().count() > 1;
-    let are_alike = kernels().all(|cloud| matches!(cloud.columns().factors, Factors::Shared(_)));
+    let are_alike = kernels().count() == 1 && kernels().all(|cloud| cloud.columns().factors.are_alike());
     let mut ways = Vec::new();
     let finer = FINER.into_iter().filter(|_| settings.tolerance < 1.0 / 255.0);
     let is_left_out = |way: &(Order, FootprintForm)| way.0 == slabs(BOXED) && !are_alike;

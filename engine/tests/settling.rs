@@ -4,7 +4,7 @@
 
 mod scenes;
 
-use glam::{Mat3, Vec3};
+use glam::{DVec3, Mat3, Vec3};
 use oblate_engine::{
     Cloud, FootprintForm, Material, OpacityFilter, Order, RenderSettings, Scene, Shapes, Splats, Strength,
     settle,
@@ -27,7 +27,7 @@ fn error(truth: &[[f32; 4]], found: &[[f32; 4]]) -> f64 {
     f64::from(errors[errors.len() * 999 / 1000])
 }
 
-/// Nearly a hundred to the pixel in a ball that is small in the picture: each may lack little where it ends, but together they lack much.
+/// Nearly a hundred to the pixel in a small picture of a ball: each may lack little where it ends, but together they lack much.
 #[test]
 fn what_crowds_lack_where_they_end_stays_within_the_tolerance() {
     let centers = in_ball(200_000);
@@ -98,4 +98,17 @@ fn what_is_small_in_the_picture_is_looked_at() {
     let [found, quick] = [error(&truth, &found), error(&truth, &quick)];
     assert!(quick > unshaded().tolerance, "the quickest way would do: {quick}");
     assert!(found <= unshaded().tolerance, "{found}, in {:?}", settled.order);
+}
+
+/// Beside the picture there is nothing to try: all stays as it is. The form is tried of an order that needs a grid, too.
+#[test]
+fn what_can_not_be_tried_stays_as_it_is() {
+    let fog = scenes::fog([8; 3], DVec3::ONE, 0.1, [1.0; 3]);
+    let scene = Scene { clouds: vec![fog], lights: Vec::new() };
+    let beside = scenes::camera(40.0, 48).part([1000, 0], [48, 48]).unwrap();
+    assert_eq!(settle(&scene, &beside, &unshaded()).unwrap(), unshaded());
+    let order = Order::AxisSheets { spacing: 1.0 };
+    let sheets = RenderSettings { order, ..unshaded() };
+    let settled = settle(&scene, &scenes::camera(40.0, 48), &sheets).unwrap();
+    assert!(settled.order == order && settled.footprint != FootprintForm::Auto, "{settled:?}");
 }

@@ -12,7 +12,7 @@ const WINDOW: u32 = 6;
 /// many elsewhere, for what these can't decide.
 pub(super) fn windows(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> [Vec<Camera>; 2] {
     let mut visible = Vec::new();
-    find_affordable(scene, camera, settings, &mut visible);
+    find_affordable(scene, camera, &RenderSettings { budget: None, ..*settings }, &mut visible);
     if visible.is_empty() {
         return Default::default();
     }
