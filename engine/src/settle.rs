@@ -89,7 +89,7 @@ const FINER: [(Order, FootprintForm); 2] =
 ///   opacities are.
 ///
 /// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame. Where windows show nothing,
-/// settings stay as they are.
+/// settings stay as they are; pictures of fewer pixels than a window's are drawn in the finest way.
 ///
 /// An order or a form that is not left to the engine stays as it is; with both, all does. Kernels with opacities alone keep the
 /// order that defines them. Surfaces by themselves need no order.
@@ -113,12 +113,9 @@ pub fn settle(
         footprint: way.1,
         ..*ends
     };
-    if others.is_empty() && nearer.is_empty() {
+    let Some(windows) = windows(scene, camera, settings) else { return Ok(*settings) };
+    if windows[0].is_empty() || (others.is_empty() && nearer.is_empty()) {
         return Ok(drawn_in(last, far));
-    }
-    let windows = windows(scene, camera, settings);
-    if windows[0].is_empty() {
-        return Ok(*settings);
     }
     let trial = Trial::new((scene, &windows), drawn_in(last, far))?;
     if trial.shown() == 0 {

@@ -9,12 +9,12 @@ const WINDOWS: u32 = 8;
 const WINDOW: u32 = 6;
 
 /// Cameras that see windows of the part of the picture that the scene may touch: each in a random place of its share of that; and as
-/// many elsewhere, for what these can't decide.
-pub(super) fn windows(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> [Vec<Camera>; 2] {
+/// many elsewhere, for what these can't decide. `None` where nothing is in the picture; none in pictures that are smaller than a window.
+pub(super) fn windows(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> Option<[Vec<Camera>; 2]> {
     let mut visible = Vec::new();
     find_affordable(scene, camera, &RenderSettings { budget: None, ..*settings }, &mut visible);
     if visible.is_empty() {
-        return Default::default();
+        return None;
     }
     let part = touched_part(camera, visible.iter());
     let side = |axis: usize| {
@@ -38,5 +38,5 @@ pub(super) fn windows(scene: &Scene, camera: &Camera, settings: &RenderSettings)
         (side.start + (f64::from(room) * share) as u32) as i32
     };
     let window = |number: u32| camera.part([corner(number, 0), corner(number, 1)], [WINDOW; 2]).ok();
-    [0..all, all..2 * all].map(|numbers| numbers.filter_map(window).collect())
+    Some([0..all, all..2 * all].map(|numbers| numbers.filter_map(window).collect()))
 }
