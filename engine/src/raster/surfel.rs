@@ -16,6 +16,10 @@ pub(crate) use sides::Room;
 /// sheets makes one layer of both.
 pub(crate) const STEEPEST: f32 = 15.0;
 
+/// The same of a surfel much smaller than the pixel's filter, 72°: of one seen edge-on before all else in a pixel, the plane would make one layer of
+/// all that lies far behind. Two sheets so near each other are not told apart there.
+pub(crate) const STEEPEST_OF_SMALL: f32 = 3.0;
+
 /// Spans begin as many σ_z before where a surfel is seen, or where its plane is.
 pub(crate) const SURFEL_REACH: f64 = 3.0;
 
@@ -27,19 +31,32 @@ pub(crate) struct SurfelLens {
     is_perspective: bool,
     /// The plane is followed no further than this, for a ζ of 1.
     farthest_offset: f32,
+    /// The variance of the filter in squared pixels.
+    filter_area: f32,
 }
 
 impl SurfelLens {
     pub(crate) fn new(lens: &Lens, near: f32, cutoff: f32) -> Self {
         let filter_reach = cutoff.sqrt() * (lens.low_pass / lens.focal.min_element()) as f32;
         let is_perspective = lens.projection == Projection::Perspective;
-        Self { near, cutoff, is_perspective, farthest_offset: STEEPEST * filter_reach }
+        let filter_area = lens.low_pass.powi(2) as f32;
+        Self { near, cutoff, is_perspective, farthest_offset: STEEPEST * filter_reach, filter_area }
     }
 
     /// −kr where splats end.
     #[inline(always)]
     fn end(&self) -> f32 {
         -self.cutoff * HALF_LOG2_E
+    }
+
+    /// The share of the farthest offset that surfels' planes are followed, by the first and last numbers of √k M: how much of a footprint is the filter
+    /// tells how small they are.
+    #[inline(always)]
+    fn follows<S: Simd>(&self, simd: S, a: W<S>, c: W<S>) -> W<S> {
+        let one = W::simd_from(simd, 1.0);
+        let of_filter = (a * c * (self.filter_area / HALF_LOG2_E)).min(one);
+        let squared = of_filter * of_filter;
+        (squared * squared).mul_add(W::simd_from(simd, STEEPEST_OF_SMALL / STEEPEST - 1.0), one)
     }
 
     /// d_z, or 1 where rays are parallel.
@@ -92,6 +109,8 @@ pub(crate) struct Slant {
     /// The change of n·v a pixel over n·v at the mean; 0 where the surfel is seen edge-on.
     tilt: [f32; 2],
     sigma_z: f32,
+    /// The share of the farthest offset that its plane is followed.
+    follows: f32,
 }
 
 /// A surface at pixels, seen by one splat.
@@ -192,7 +211,7 @@ impl Surfel {
     ) -> Spans<S> {
         let depth = W::simd_from(simd, self.plane.depth);
         let zeta = lens.zeta(simd, depth);
-        let limit = zeta.abs() * lens.farthest_offset;
+        let limit = zeta.abs() * (lens.farthest_offset * slant.follows);
         let zero = W::simd_from(simd, 0.0);
         // n·v at the pixel less that at the mean, over that at the pixel; over that at the mean where rays are parallel.
         let change = self.offsets(simd, pixels).linear(simd, 0.0, slant.tilt);

@@ -24,6 +24,9 @@ const MOST_OPAQUE: f64 = 1.0 - 1e-9;
 /// sheets makes one layer of both.
 const STEEPEST: f64 = 15.0;
 
+/// The same of a surfel much smaller than the pixel's filter, whose share of the footprint's area, to the fourth power, decides between both.
+const STEEPEST_OF_SMALL: f64 = 3.0;
+
 /// How even the filter makes coverage at most, as the floor says it.
 const EVENLY_COVERED: f64 = 0.96;
 
@@ -274,8 +277,13 @@ impl<'a> Setup<'a> {
                     coverage_floor: even - (even - floor) * self.attenuation(&gaussian, &columns).sqrt(),
                 };
                 let cutoff = self.settings.outline;
-                let filter = self.view.filter_at(center.z, self.low_pass).max_element();
-                let plane_reach = STEEPEST * cutoff.sqrt() * filter;
+                let filter = self.view.filter_at(center.z, self.low_pass);
+                let seen_along = self.view.direction(center);
+                // Across the ray.
+                let filter_area = filter.x * filter.y * seen_along.z.abs();
+                let of_filter = (filter_area / gaussian.shadow(seen_along)).clamp(0.0, 1.0);
+                let steepest = STEEPEST + (STEEPEST_OF_SMALL - STEEPEST) * of_filter.powi(4);
+                let plane_reach = steepest * cutoff.sqrt() * filter.max_element();
                 let facing = geometric_normal.dot(self.view.direction(center));
                 let parallel = self.view.parallel;
                 let surfel = Surfel {

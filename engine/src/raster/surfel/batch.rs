@@ -21,6 +21,7 @@ pub(crate) struct Surfels {
     depth_slope: [Column; 2],
     sigma_z: Column,
     tilt: [Column; 2],
+    follows: Column,
     /// In the exact form 1/d_z, and how much of d_z is left where den is largest.
     per_depth: Column,
     least_depth: Column,
@@ -63,6 +64,7 @@ impl Surfels {
         depth_slope: [[0.0; BATCH]; 2],
         sigma_z: [0.0; BATCH],
         tilt: [[0.0; BATCH]; 2],
+        follows: [1.0; BATCH],
         per_depth: [1.0; BATCH],
         least_depth: [1.0; BATCH],
         nearest: [f32::NEG_INFINITY; BATCH / 16],
@@ -123,6 +125,8 @@ impl Surfels {
                 let tilt = sixteen(simd, column, first) * per_facing;
                 tilt.store_slice(&mut column[first..first + 16]);
             }
+            let [a, c] = [0, 2].map(|i| sixteen(simd, &outlines.root[i], first));
+            lens.follows(simd, a, c).store_slice(&mut self.follows[first..first + 16]);
             let reach = self.least_reach(simd, first, half, lens);
             reach.store_slice(&mut sides.least_reach[first..first + 16]);
             let [begin, _] = self.bounds(simd, first, ([half; 2], half), lens);
@@ -192,7 +196,8 @@ impl Surfels {
     #[inline(always)]
     pub(crate) fn slant(&self, number: usize) -> Slant {
         let number = number % BATCH;
-        Slant { tilt: [self.tilt[0][number], self.tilt[1][number]], sigma_z: self.sigma_z[number] }
+        let tilt = [self.tilt[0][number], self.tilt[1][number]];
+        Slant { tilt, sigma_z: self.sigma_z[number], follows: self.follows[number] }
     }
 
     /// Those of a set that are in sixteens whose spans may begin before a depth; says how near the others come.
@@ -298,7 +303,8 @@ impl Surfels {
         } else {
             depth - tilt[1]
         };
-        let limit = lens.zeta(simd, depth).abs() * lens.farthest_offset;
+        let follows = sixteen(simd, &self.follows, first);
+        let limit = lens.zeta(simd, depth).abs() * follows * lens.farthest_offset;
         let begin = seen[0].min(plane).max(seen[0] - limit) - reach;
         // What f32 can't say, NaN among it, is no bound.
         [
@@ -359,7 +365,7 @@ mod tests {
                 tag: Tag { form, ..Record::BLANK.tag },
                 ..Record::BLANK
             };
-            let lens = SurfelLens { near: 0.1, cutoff: 12.25, is_perspective, farthest_offset: 0.5 };
+            let lens = SurfelLens { near: 0.1, cutoff: 12.25, is_perspective, farthest_offset: 0.5, filter_area: 0.3 };
             let tile = Tile::new([0, 0], 8, [8, 8]);
             let own_rects = [[Rect { min: [0; 2], max: [8; 2] }; LANES]];
             let octets = [Octet::of_one(record, SurfaceSample::default())];
