@@ -18,7 +18,7 @@ pub(crate) const STEEPEST: f32 = 15.0;
 
 /// The same of a surfel much smaller than the pixel's filter, 72°: of one seen edge-on before all else in a pixel, the plane would make one layer of
 /// all that lies far behind. Two sheets so near each other are not told apart there.
-pub(crate) const STEEPEST_OF_SMALL: f32 = 3.0;
+const STEEPEST_OF_SMALL: f32 = 3.0;
 
 /// Spans begin as many σ_z before where a surfel is seen, or where its plane is.
 pub(crate) const SURFEL_REACH: f64 = 3.0;
@@ -49,12 +49,13 @@ impl SurfelLens {
         -self.cutoff * HALF_LOG2_E
     }
 
-    /// The share of the farthest offset that surfels' planes are followed, by the first and last numbers of √k M: how much of a footprint is the filter
-    /// tells how small they are.
+    /// The share of the farthest offset that surfels' planes are followed, by the diagonal of √k M, whose product is k over the footprint's area:
+    /// the filter's share of that says how small they are.
     #[inline(always)]
     fn follows<S: Simd>(&self, simd: S, a: W<S>, c: W<S>) -> W<S> {
         let one = W::simd_from(simd, 1.0);
-        let of_filter = (a * c * (self.filter_area / HALF_LOG2_E)).min(one);
+        // Without a filter nothing is, however small a footprint is.
+        let of_filter = (a * (self.filter_area / HALF_LOG2_E) * c).min(one);
         let squared = of_filter * of_filter;
         (squared * squared).mul_add(W::simd_from(simd, STEEPEST_OF_SMALL / STEEPEST - 1.0), one)
     }

@@ -284,7 +284,7 @@ impl<'a> Setup<'a> {
                 let of_filter = (filter_area / gaussian.shadow(seen_along)).clamp(0.0, 1.0);
                 let steepest = STEEPEST + (STEEPEST_OF_SMALL - STEEPEST) * of_filter.powi(4);
                 let plane_reach = steepest * cutoff.sqrt() * filter.max_element();
-                let facing = geometric_normal.dot(self.view.direction(center));
+                let facing = geometric_normal.dot(seen_along);
                 let parallel = self.view.parallel;
                 let surfel = Surfel {
                     gaussian,
