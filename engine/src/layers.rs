@@ -17,7 +17,7 @@ use crate::cloud::Cloud;
 use crate::columns::{Kind, LANES};
 use crate::cuts::{Cut, Cuts, MAX_LAYERS};
 use crate::footprint::Part;
-use crate::raster::{BATCH, Column, Room, Surfaces, SurfelLens, Surfels};
+use crate::raster::{BATCH, CloudSurface, Column, Room, Surfaces, SurfelLens, Surfels};
 use crate::simd::*;
 use crate::tile::{HALF_BLOCK, PIXELS, Tile, pixels};
 use list::{List, Listed};
@@ -97,15 +97,16 @@ pub(crate) struct LayerBuilder<'a> {
     pub(crate) spent: f32,
 }
 
-/// The depth tolerance of each cloud in the world; 0 for volumes.
-pub(crate) fn depth_tolerances(clouds: &[Cloud]) -> impl Iterator<Item = f32> {
+/// What layers ask of each cloud; nothing of volumes.
+pub(crate) fn surfaces_of(clouds: &[Cloud]) -> impl Iterator<Item = CloudSurface> {
     clouds.iter().map(|cloud| match &cloud.columns().kind {
         // A scaled cloud scales its radii; the cube root is exact for uniform scales.
         Kind::Surface(surface) => {
             let scale = cloud.cloud_to_world().matrix3.determinant().abs().cbrt();
-            surface.depth_tolerance * scale as f32
+            let depth_tolerance = surface.depth_tolerance * scale as f32;
+            CloudSurface { depth_tolerance, coverage_floor: surface.coverage_floor }
         }
-        _ => 0.0,
+        _ => CloudSurface::default(),
     })
 }
 
@@ -388,7 +389,7 @@ impl LayerBuilder<'_> {
             let sample = surfel.sample(simd, here.pixels, &self.lens);
             let spans = surfel.spans(simd, &sample, (here.pixels, surfels.slant(number)), &self.lens);
             let cloud = self.surfaces.octets[index as usize / LANES].cloud;
-            let tolerance = self.surfaces.depth_tolerances[cloud as usize];
+            let tolerance = self.surfaces.clouds[cloud as usize].depth_tolerance;
             peel.limit = own.select(spans.farthest + tolerance, peel.limit);
             peel.record = own.select(u32x16::simd_from(simd, index), peel.record);
             peel.cloud = own.select(u32x16::simd_from(simd, cloud), peel.cloud);
@@ -464,12 +465,14 @@ impl LayerBuilder<'_> {
         // Seen exactly edge-on a plane covers nothing, and hides nothing.
         let inverse = weight.simd_gt(W::simd_from(simd, 1e-30)).select(one / weight, zero);
         let mut opacity = one - (sums.clear * inverse).min(one);
-        if peel.takes_all {
-            // The last layer may be several sheets, one behind the other.
-            let (through, sheets): ([f32; PIXELS], [f32; PIXELS]) =
-                ((one - opacity).into(), weight.max(one).into());
-            let through: [f32; PIXELS] = std::array::from_fn(|i| through[i].powf(sheets[i]));
-            opacity = one - W::simd_from(simd, through);
+        // A layer may be several sheets, one behind the other: as many as it covers the pixel times, but for what a single one may by unevenness.
+        let even = sums.even / sums.clear;
+        let too_much = (weight + one).mul_sub(even, one + one);
+        let is_many = too_much.simd_gt(zero) & opacity.simd_gt(zero);
+        if is_many.any_true() {
+            let sheets = too_much + one;
+            let deep = crate::simd::opacity(simd, optical_depth(simd, opacity) * sheets);
+            opacity = is_many.select(deep, opacity);
         }
         let coverage = found.select(weight.min(one), zero);
         let [alpha, seen] = seen_through.cover(simd, coverage, found.select(opacity, zero));

@@ -15,11 +15,11 @@ use crate::footprint::{Lens, Part, Records, SceneView};
 use crate::frame::{BAND, Channels, Clear, Frame, FrameRows};
 use crate::grow::grow;
 use crate::lattice::Lattice;
-use crate::layers::{LayerBuilder, depth_tolerances};
+use crate::layers::{LayerBuilder, surfaces_of};
 use crate::observer::{Counts, Observer, Stage};
 use crate::occlusion::{Occlusion, Visible};
 use crate::order::{Keys, Sorter};
-use crate::raster::{KernelLens, Surfaces, SurfelLens, reach_to_cuts};
+use crate::raster::{CloudSurface, KernelLens, Surfaces, SurfelLens, reach_to_cuts};
 use crate::resolve::Resolver;
 use crate::scene::{Baseline, RenderSettings, Scene};
 use crate::shade::Shader;
@@ -58,7 +58,7 @@ pub struct Renderer {
     visible: [Vec<VisibleRange>; 2],
     occlusion: Occlusion,
     shaders: Vec<Shader>,
-    depth_tolerances: Vec<f32>,
+    cloud_surfaces: Vec<CloudSurface>,
     surfaces: Drawn,
     volumes: Drawn,
     cuts: KeptCuts,
@@ -111,7 +111,7 @@ impl Renderer {
             visible: [Vec::new(), Vec::new()],
             occlusion: Occlusion::default(),
             shaders: Vec::new(),
-            depth_tolerances: Vec::new(),
+            cloud_surfaces: Vec::new(),
             surfaces: Drawn::default(),
             volumes: Drawn::default(),
             cuts: KeptCuts::default(),
@@ -198,8 +198,8 @@ impl Renderer {
     fn prepare(&mut self, scene: &Scene, camera: &Camera, settings: &RenderSettings) {
         self.shaders.clear();
         self.shaders.extend(scene.clouds.iter().map(|cloud| Shader::new(scene, camera, cloud.material())));
-        self.depth_tolerances.clear();
-        self.depth_tolerances.extend(depth_tolerances(&scene.clouds));
+        self.cloud_surfaces.clear();
+        self.cloud_surfaces.extend(surfaces_of(&scene.clouds));
         self.surfaces.clear();
         self.volumes.clear();
         self.frame.resize(camera.size().map(|length| length as usize), settings.channels);
@@ -275,7 +275,7 @@ impl Renderer {
         let picture = camera.size().map(|length| length as usize);
         let [columns, rows] = self.tiles(camera);
         let Self { visible, surfaces, volumes, cuts, occlusion, lattice, counts, .. } = self;
-        let Self { shaders, depth_tolerances, level, tile_side: side, clear, .. } = self;
+        let Self { shaders, cloud_surfaces: clouds, level, tile_side: side, clear, .. } = self;
         let lens = Lens::new(camera, settings.low_pass);
         let near = camera.near() as f32;
         // A quarter of the tolerance: what is behind changes a channel by at most that share of its brightness.
@@ -283,7 +283,7 @@ impl Renderer {
         let Records { octets, own_rects, .. } = &surfaces.records;
         let drawer = TileDrawer {
             layers: LayerBuilder {
-                surfaces: Surfaces { octets, own_rects, depth_tolerances },
+                surfaces: Surfaces { octets, own_rects, clouds },
                 lens: SurfelLens::new(&lens, near, settings.outline as f32),
                 spent,
             },

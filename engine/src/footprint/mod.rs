@@ -10,6 +10,7 @@ mod wide;
 pub use ewa::{CameraSplat, Footprint, Hit, Lens};
 pub(crate) use octet::{Octet, Part};
 pub use record::{Form, Kind, Record, RecordHit, Rect, Tag};
+pub(crate) use scalar::EVENLY_COVERED;
 
 use crate::camera::Camera;
 use crate::closing::Closing;

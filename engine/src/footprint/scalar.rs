@@ -310,7 +310,7 @@ const LARGEST_ALPHA: f64 = 1.0 - 1e-6;
 
 /// How even the pixels' filter makes coverage at most, as a floor says it: what is cut off, and what a surface lacks that bends within a surfel,
 /// stay. With 0.99 eight pixels of a scanned head were as faint as 0.956 (`volumes/tests/holes.rs`).
-pub(super) const EVENLY_COVERED: f64 = 0.96;
+pub(crate) const EVENLY_COVERED: f64 = 0.96;
 
 /// A cloud's coverage floor behind a filter that dims a surfel by this attenuation. Sums of coverage are 1 in the mean; what random
 /// places lack fades as the root of the area that is averaged (Campbell's theorem), what regular ones lack sooner.

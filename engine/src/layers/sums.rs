@@ -14,8 +14,9 @@ pub(super) struct Sums<S: Simd> {
     pub(super) tint: [W<S>; 3],
     /// Of depths behind the first sample's.
     pub(super) depth: W<S>,
-    /// Of 1 − opacity.
+    /// Of 1 − opacity; and of that by how even coverage is.
     pub(super) clear: W<S>,
+    pub(super) even: W<S>,
 }
 
 #[derive(Clone, Copy)]
@@ -29,7 +30,7 @@ impl<S: Simd> Sums<S> {
     pub(super) fn zero(simd: S) -> Self {
         let zero = W::simd_from(simd, 0.0);
         let side = Side { weight: zero, normal: [zero; 3] };
-        Self { front: side, back: side, tint: [zero; 3], depth: zero, clear: zero }
+        Self { front: side, back: side, tint: [zero; 3], depth: zero, clear: zero, even: zero }
     }
 
     #[inline(always)]
@@ -43,6 +44,7 @@ impl<S: Simd> Sums<S> {
         self.depth = behind.mul_add(weight, self.depth);
         if !surfel.is_plain() {
             self.clear = weight.mul_add(W::simd_from(simd, look.clear), self.clear);
+            self.even = weight.mul_add(W::simd_from(simd, look.clear * look.even), self.even);
             self.tint = [0, 1, 2].each(
                 #[inline(always)]
                 |i| weight.mul_add(W::simd_from(simd, look.tint[i]), self.tint[i]),

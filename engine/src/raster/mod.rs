@@ -13,4 +13,6 @@ mod surfel;
 pub(crate) use kernel::{Fragments, KERNEL_REACH, KernelLens, Kernels, Places, Spans, reach_to_cuts};
 pub(crate) use outline::{BATCH, Column};
 pub(crate) use slabs::{Grain, SlabColumns, SlabShare};
-pub(crate) use surfel::{Look, Room, STEEPEST, SURFEL_REACH, Surfaces, Surfel, SurfelLens, Surfels};
+pub(crate) use surfel::{
+    CloudSurface, Look, Room, STEEPEST, SURFEL_REACH, Surfaces, Surfel, SurfelLens, Surfels,
+};

@@ -16,9 +16,9 @@ pub(crate) use sides::Room;
 /// sheets makes one layer of both.
 pub(crate) const STEEPEST: f32 = 15.0;
 
-/// The same of a surfel much smaller than the pixel's filter, 72°: of one seen edge-on before all else in a pixel, the plane would make one layer of
+/// The same of a surfel much smaller than the pixel's filter, 45°: of one seen edge-on before all else in a pixel, the plane would make one layer of
 /// all that lies far behind. Two sheets so near each other are not told apart there.
-const STEEPEST_OF_SMALL: f32 = 3.0;
+const STEEPEST_OF_SMALL: f32 = 1.0;
 
 /// Spans begin as many σ_z before where a surfel is seen, or where its plane is.
 pub(crate) const SURFEL_REACH: f64 = 3.0;
@@ -31,16 +31,19 @@ pub(crate) struct SurfelLens {
     is_perspective: bool,
     /// The plane is followed no further than this, for a ζ of 1.
     farthest_offset: f32,
+    /// As much thicker are layers that begin with surfels much smaller than the filter: its σ, for a ζ of 1.
+    thickness: f32,
     /// The variance of the filter in squared pixels.
     filter_area: f32,
 }
 
 impl SurfelLens {
     pub(crate) fn new(lens: &Lens, near: f32, cutoff: f32) -> Self {
-        let filter_reach = cutoff.sqrt() * (lens.low_pass / lens.focal.min_element()) as f32;
+        let thickness = (lens.low_pass / lens.focal.min_element()) as f32;
         let is_perspective = lens.projection == Projection::Perspective;
         let filter_area = lens.low_pass.powi(2) as f32;
-        Self { near, cutoff, is_perspective, farthest_offset: STEEPEST * filter_reach, filter_area }
+        let farthest_offset = STEEPEST * cutoff.sqrt() * thickness;
+        Self { near, cutoff, is_perspective, farthest_offset, thickness, filter_area }
     }
 
     /// −kr where splats end.
@@ -49,15 +52,19 @@ impl SurfelLens {
         -self.cutoff * HALF_LOG2_E
     }
 
-    /// The share of the farthest offset that surfels' planes are followed, by the diagonal of √k M, whose product is k over the footprint's area:
-    /// the filter's share of that says how small they are.
+    /// The filter's share of the areas of footprints, by the diagonal of √k M, whose product is k over such an area.
     #[inline(always)]
-    fn follows<S: Simd>(&self, simd: S, a: W<S>, c: W<S>) -> W<S> {
-        let one = W::simd_from(simd, 1.0);
+    fn of_filter<S: Simd>(&self, simd: S, a: W<S>, c: W<S>) -> W<S> {
         // Without a filter nothing is, however small a footprint is.
-        let of_filter = (a * (self.filter_area / HALF_LOG2_E) * c).min(one);
-        let squared = of_filter * of_filter;
-        (squared * squared).mul_add(W::simd_from(simd, STEEPEST_OF_SMALL / STEEPEST - 1.0), one)
+        (a * (self.filter_area / HALF_LOG2_E) * c).min(W::simd_from(simd, 1.0))
+    }
+
+    /// How far planes are followed.
+    #[inline(always)]
+    fn farthest_offset<S: Simd>(&self, simd: S, smallness: W<S>, zeta: W<S>) -> W<S> {
+        const LESS: f32 = 1.0 - STEEPEST_OF_SMALL / STEEPEST;
+        let follows = smallness.mul_add(W::simd_from(simd, -LESS), W::simd_from(simd, 1.0));
+        zeta.abs() * self.farthest_offset * follows
     }
 
     /// d_z, or 1 where rays are parallel.
@@ -72,8 +79,15 @@ impl SurfelLens {
 pub(crate) struct Surfaces<'a> {
     pub(crate) octets: &'a [Octet],
     pub(crate) own_rects: &'a [[Rect; LANES]],
-    /// One a cloud.
-    pub(crate) depth_tolerances: &'a [f32],
+    pub(crate) clouds: &'a [CloudSurface],
+}
+
+/// What the layers of a cloud's surfels ask for.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct CloudSurface {
+    /// In the world.
+    pub(crate) depth_tolerance: f32,
+    pub(crate) coverage_floor: f32,
 }
 
 /// A surfel as the pixels of a tile see it: what each of its samples needs, in one line of the cache.
@@ -110,8 +124,8 @@ pub(crate) struct Slant {
     /// The change of n·v a pixel over n·v at the mean; 0 where the surfel is seen edge-on.
     tilt: [f32; 2],
     sigma_z: f32,
-    /// The share of the farthest offset that its plane is followed.
-    follows: f32,
+    /// How small it is beside the filter, from 0 to 1: the fourth power of that one's share of its footprint.
+    smallness: f32,
 }
 
 /// A surface at pixels, seen by one splat.
@@ -130,7 +144,7 @@ pub(crate) struct Sample<S: Simd> {
 pub(crate) struct Spans<S: Simd> {
     /// The near end, and 3σ_z before it.
     pub(crate) nearest: W<S>,
-    /// The far end.
+    /// The far end; and a σ of the filter behind it, of surfels much smaller than that.
     pub(crate) farthest: W<S>,
 }
 
@@ -212,7 +226,8 @@ impl Surfel {
     ) -> Spans<S> {
         let depth = W::simd_from(simd, self.plane.depth);
         let zeta = lens.zeta(simd, depth);
-        let limit = zeta.abs() * (lens.farthest_offset * slant.follows);
+        let smallness = W::simd_from(simd, slant.smallness);
+        let limit = lens.farthest_offset(simd, smallness, zeta);
         let zero = W::simd_from(simd, 0.0);
         // n·v at the pixel less that at the mean, over that at the pixel; over that at the mean where rays are parallel.
         let change = self.offsets(simd, pixels).linear(simd, 0.0, slant.tilt);
@@ -223,7 +238,8 @@ impl Surfel {
             Some(per_den) => per_den.sqrt().mul_add(reach, sample.depth),
             None => sample.depth + reach,
         };
-        Spans { nearest: begin + offset.min(zero), farthest: sample.depth + offset.max(zero) }
+        let end = (zeta.abs() * lens.thickness).mul_add(smallness, sample.depth);
+        Spans { nearest: begin + offset.min(zero), farthest: end + offset.max(zero) }
     }
 
     /// Coverage over the cloud's floor; of meaning where a pixel is inside.

@@ -12,6 +12,8 @@ pub(super) struct Sample<'a> {
     pub(super) z: f64,
     /// Where its plane meets the ray, no farther from `z` than a steep slope takes it.
     pub(super) plane_z: f64,
+    /// How much thicker than its depth tolerance a layer is that begins with it.
+    pub(super) thickness: f64,
     pub(super) id: u32,
     /// Spread of z inside the pixel's filter.
     pub(super) sigma: f64,
@@ -26,6 +28,8 @@ pub(super) struct Sample<'a> {
     pub(super) material: &'a Material,
     pub(super) depth_tolerance: f64,
     pub(super) coverage_floor: f64,
+    /// How even the coverage of a single sheet is there, at least: between this and as much above 1 as this is below.
+    pub(super) even: f64,
 }
 
 impl Sample<'_> {
@@ -49,7 +53,8 @@ pub(super) struct Layer<'a> {
 
 /// Yields the layers of the samples, front to back. A sample spans the depths between itself and its plane. A
 /// layer's first sample is the nearest (equal depths: the lowest id); it takes each sample whose span begins
-/// within the first one's tolerance plus three of the sample's own σ behind the end of the first one's span.
+/// within the first one's tolerance plus three of the sample's own σ behind the end of the first one's span, or, where that is of a surfel
+/// much smaller than the filter, a σ of the filter more.
 /// Means are weighted by coverage over its floor; that of normals is taken over the side, front
 /// or back, that covers more.
 pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Layer<'a>> + use<'a> {
@@ -59,7 +64,7 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
     let (mut bare, mut veiled) = (1.0, 0.0);
     (1..=MOST_LAYERS).map_while(move |number| {
         let first = *left.first()?;
-        let end = first.z.max(first.plane_z) + first.depth_tolerance;
+        let end = first.z.max(first.plane_z) + first.thickness + first.depth_tolerance;
         let belongs = |s: &Sample<'_>| number == MOST_LAYERS || s.z.min(s.plane_z) <= end + 3.0 * s.sigma;
         let (taken, behind): (Vec<_>, Vec<_>) = left.iter().partition(|s| belongs(s));
         left = behind;
@@ -79,8 +84,12 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
         let shows_back = covered_by(true) > covered_by(false);
         // Coverage goes to the bare part of the pixel first; only what is too much for it lies behind what is
         // covered. `bare` is the share without a layer, `veiled` what the rest lets through.
-        // The last layer may be several sheets, one behind the other.
-        let sheets = if number == MOST_LAYERS { total.max(1.0) } else { 1.0 };
+        // A layer may be several sheets, one behind the other: as many as it covers the pixel times, but for what a single one may by unevenness.
+        let clear = |s: &Sample<'_>| (1.0 - s.opacity) * s.coverage();
+        let even =
+            taken.iter().map(|s| s.even * clear(s)).sum::<f64>() / taken.iter().map(clear).sum::<f64>();
+        // Where all is opaque it is no number.
+        let sheets = 1.0 + (total * even - (2.0 - even)).max(0.0);
         let opacity = 1.0 - (1.0 - covered / total).max(0.0).powf(sheets);
         let coverage = total.min(1.0);
         let [seen_before, bare_before] = [bare + veiled, bare];

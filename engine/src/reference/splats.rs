@@ -25,7 +25,7 @@ const MOST_OPAQUE: f64 = 1.0 - 1e-9;
 const STEEPEST: f64 = 15.0;
 
 /// The same of a surfel much smaller than the pixel's filter, whose share of the footprint's area, to the fourth power, decides between both.
-const STEEPEST_OF_SMALL: f64 = 3.0;
+const STEEPEST_OF_SMALL: f64 = 1.0;
 
 /// How even the filter makes coverage at most, as the floor says it.
 const EVENLY_COVERED: f64 = 0.96;
@@ -259,12 +259,21 @@ impl<'a> Setup<'a> {
                     cosine if cosine < 0.0 => -normal,
                     _ => normal,
                 };
+                let filter = self.view.filter_at(center.z, self.low_pass);
+                let seen_along = self.view.direction(center);
+                // Across the ray.
+                let filter_area = filter.x * filter.y * seen_along.z.abs();
+                let of_filter = (filter_area / gaussian.shadow(seen_along)).clamp(0.0, 1.0);
+                let smallness = of_filter.powi(4);
+                let filter_sigma = filter.max_element();
                 // What random places lack fades as the root of the area that the filter averages.
                 let floor = f64::from(surface.coverage_floor);
                 let even = floor.max(EVENLY_COVERED);
+                let filtered = |own: f64| even - (even - floor) * own.sqrt();
                 let prototype = Sample {
                     z: center.z,
                     plane_z: center.z,
+                    thickness: smallness * filter_sigma,
                     id,
                     sigma: 0.0,
                     weight: 0.0,
@@ -274,16 +283,12 @@ impl<'a> Setup<'a> {
                     back: false,
                     material: &splats.material,
                     depth_tolerance: f64::from(surface.depth_tolerance) * placed.volume_scale.cbrt(),
-                    coverage_floor: even - (even - floor) * self.attenuation(&gaussian, &columns).sqrt(),
+                    coverage_floor: filtered(self.attenuation(&gaussian, &columns)),
+                    even: filtered(1.0 - of_filter),
                 };
                 let cutoff = self.settings.outline;
-                let filter = self.view.filter_at(center.z, self.low_pass);
-                let seen_along = self.view.direction(center);
-                // Across the ray.
-                let filter_area = filter.x * filter.y * seen_along.z.abs();
-                let of_filter = (filter_area / gaussian.shadow(seen_along)).clamp(0.0, 1.0);
-                let steepest = STEEPEST + (STEEPEST_OF_SMALL - STEEPEST) * of_filter.powi(4);
-                let plane_reach = steepest * cutoff.sqrt() * filter.max_element();
+                let steepest = STEEPEST + (STEEPEST_OF_SMALL - STEEPEST) * smallness;
+                let plane_reach = steepest * cutoff.sqrt() * filter_sigma;
                 let facing = geometric_normal.dot(seen_along);
                 let parallel = self.view.parallel;
                 let surfel = Surfel {

@@ -65,6 +65,7 @@ struct Sample {
     nearest: f64,
     farthest: f64,
     coverage: f64,
+    even: f64,
     opacity: f64,
     color: DVec3,
     id: u32,
@@ -88,7 +89,7 @@ struct Specification<'a> {
     /// Places of surfaces in their order, and of volumes from near to far.
     surface_order: Vec<usize>,
     volume_order: Vec<usize>,
-    depth_tolerances: &'a [f32],
+    clouds: &'a [CloudSurface],
 }
 
 fn taken(records: &Records) -> Vec<usize> {
@@ -99,7 +100,7 @@ impl<'a> Specification<'a> {
     fn new(
         [surfaces, volumes]: [&'a Records; 2],
         (camera, settings, closing): (&'a Camera, &'a RenderSettings, Closing),
-        depth_tolerances: &'a [f32],
+        clouds: &'a [CloudSurface],
     ) -> Self {
         let mut volume_order = taken(volumes);
         let keys = Keys::of(&volumes.runs, closing.alike());
@@ -116,7 +117,7 @@ impl<'a> Specification<'a> {
                 .flat_map(|octet| octet * LANES..(octet + 1) * LANES)
                 .collect(),
             volume_order,
-            depth_tolerances,
+            clouds,
         }
     }
 
@@ -168,12 +169,12 @@ impl<'a> Specification<'a> {
             let is_perspective = self.camera.projection() == Projection::Perspective;
             let zeta = if is_perspective { depth } else { 1.0 };
             let divisor = if is_perspective { facing + change } else { facing };
-            // The planes of surfels much smaller than the filter are followed to 72° instead of 86°.
+            // The planes of surfels much smaller than the filter are followed to 45° instead of 86°, and layers of theirs are thicker.
             let [a, _, c] = record.conic_root.map(f64::from);
             let of_filter = (self.lens.low_pass.powi(2) * a * c).min(1.0);
-            let steepest = 15.0 - 12.0 * of_filter.powi(4);
-            let limit =
-                steepest * cutoff.sqrt() * self.lens.low_pass / self.lens.focal.min_element() * zeta.abs();
+            let smallness = of_filter.powi(4);
+            let filter_sigma = self.lens.low_pass / self.lens.focal.min_element() * zeta.abs();
+            let limit = (15.0 - 14.0 * smallness) * cutoff.sqrt() * filter_sigma;
             let offset = depth - zeta * change / divisor - z;
             let offset = if offset.is_nan() { -limit } else { offset.clamp(-limit, limit) };
             // n·v where it is seen; the affine form leaves its change out.
@@ -182,12 +183,15 @@ impl<'a> Specification<'a> {
             } else {
                 facing.abs()
             };
-            let tolerance = f64::from(self.depth_tolerances[record.tag.cloud as usize]);
+            let surface = self.clouds[record.tag.cloud as usize];
+            let (tolerance, floor) = (f64::from(surface.depth_tolerance), f64::from(surface.coverage_floor));
+            let most_even = floor.max(0.96);
             samples.push(Sample {
                 z,
                 nearest: z + offset.min(0.0) - 3.0 * sigma_z,
-                farthest: z + offset.max(0.0),
+                farthest: z + offset.max(0.0) + smallness * filter_sigma,
                 coverage: peak * (-0.5 * r).exp(),
+                even: most_even - (most_even - floor) * (1.0 - of_filter).sqrt(),
                 opacity: f64::from(sample.opacity),
                 color: DVec3::from(record.color.map(f64::from)),
                 id: octet.id(*place % LANES),
@@ -220,10 +224,11 @@ impl<'a> Specification<'a> {
             left = behind;
             let total: f64 = taken.iter().map(|sample| sample.coverage).sum();
             let mean = |of: fn(&Sample) -> f64| taken.iter().map(|s| s.coverage * of(s)).sum::<f64>() / total;
-            let mut opacity = mean(|s| s.opacity).min(1.0);
-            if last {
-                opacity = 1.0 - (1.0 - opacity).powf(total.max(1.0));
-            }
+            let clear = 1.0 - mean(|s| s.opacity).min(1.0);
+            // As many sheets as it covers the pixel times, but for what a single one may.
+            let even = mean(|s| s.even * (1.0 - s.opacity)) / clear;
+            let sheets = 1.0 + (even * total - (2.0 - even)).max(0.0);
+            let opacity = 1.0 - clear.powf(sheets);
             let before = bare + covered;
             let coverage = total.min(1.0);
             let beside = coverage.min(bare);
@@ -451,7 +456,7 @@ fn compare(scene: &Scene, camera: &Camera, settings: &RenderSettings, level: Lev
     let all: Vec<u32> = (0..renderer.visible[1].len() as u32).collect();
     volumes.append(&view, &renderer.visible[1], &all);
     let records = [&renderer.surfaces.records, &volumes];
-    let specification = Specification::new(records, (camera, settings, closing), &renderer.depth_tolerances);
+    let specification = Specification::new(records, (camera, settings, closing), &renderer.cloud_surfaces);
     let frame = &renderer.frame;
     let (mut worst, mut share, mut seen, mut doubtful) = (0.0_f64, 0.0_f64, 0, 0);
     let (mut failure, mut failed) = (None, 0);

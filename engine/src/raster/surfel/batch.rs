@@ -21,7 +21,8 @@ pub(crate) struct Surfels {
     depth_slope: [Column; 2],
     sigma_z: Column,
     tilt: [Column; 2],
-    follows: Column,
+    /// As in a [`Slant`].
+    smallness: Column,
     /// In the exact form 1/d_z, and how much of d_z is left where den is largest.
     per_depth: Column,
     least_depth: Column,
@@ -45,6 +46,8 @@ pub(crate) struct Look {
     pub(crate) tint: [f32; 3],
     /// 1 − opacity.
     pub(crate) clear: f32,
+    /// How even the coverage of a single sheet is there, at least: between this and as much above 1 as this is below.
+    pub(crate) even: f32,
 }
 
 /// Records of a set by where their samples may be.
@@ -64,13 +67,13 @@ impl Surfels {
         depth_slope: [[0.0; BATCH]; 2],
         sigma_z: [0.0; BATCH],
         tilt: [[0.0; BATCH]; 2],
-        follows: [1.0; BATCH],
+        smallness: [0.0; BATCH],
         per_depth: [1.0; BATCH],
         least_depth: [1.0; BATCH],
         nearest: [f32::NEG_INFINITY; BATCH / 16],
         exact: 0,
         each: [Surfel::NONE; BATCH],
-        looks: [Look { tint: [0.0; 3], clear: 0.0 }; BATCH],
+        looks: [Look { tint: [0.0; 3], clear: 0.0, even: 1.0 }; BATCH],
         indices: [0; BATCH],
         masks: BlockMasks::NONE,
     };
@@ -104,7 +107,8 @@ impl Surfels {
             }
             let place = Place { first: count, some, one };
             outlines.put(simd, place, octet);
-            sides.put(simd, place, (part.place(), octet), usual);
+            let floor = surfaces.clouds[octet.cloud as usize].coverage_floor;
+            sides.put(simd, place, (part.place(), octet, floor), usual);
             for (tilt, slope) in self.tilt.iter_mut().zip(&octet.amplitude_slope) {
                 place.put(simd, tilt, slope);
             }
@@ -126,7 +130,10 @@ impl Surfels {
                 tilt.store_slice(&mut column[first..first + 16]);
             }
             let [a, c] = [0, 2].map(|i| sixteen(simd, &outlines.root[i], first));
-            lens.follows(simd, a, c).store_slice(&mut self.follows[first..first + 16]);
+            let of_filter = lens.of_filter(simd, a, c);
+            let squared = of_filter * of_filter;
+            (squared * squared).store_slice(&mut self.smallness[first..first + 16]);
+            sides.even_out(simd, first, of_filter);
             let reach = self.least_reach(simd, first, half, lens);
             reach.store_slice(&mut sides.least_reach[first..first + 16]);
             let [begin, _] = self.bounds(simd, first, ([half; 2], half), lens);
@@ -197,7 +204,7 @@ impl Surfels {
     pub(crate) fn slant(&self, number: usize) -> Slant {
         let number = number % BATCH;
         let tilt = [self.tilt[0][number], self.tilt[1][number]];
-        Slant { tilt, sigma_z: self.sigma_z[number], follows: self.follows[number] }
+        Slant { tilt, sigma_z: self.sigma_z[number], smallness: self.smallness[number] }
     }
 
     /// Those of a set that are in sixteens whose spans may begin before a depth; says how near the others come.
@@ -303,8 +310,8 @@ impl Surfels {
         } else {
             depth - tilt[1]
         };
-        let follows = sixteen(simd, &self.follows, first);
-        let limit = lens.zeta(simd, depth).abs() * follows * lens.farthest_offset;
+        let smallness = sixteen(simd, &self.smallness, first);
+        let limit = lens.farthest_offset(simd, smallness, lens.zeta(simd, depth));
         let begin = seen[0].min(plane).max(seen[0] - limit) - reach;
         // What f32 can't say, NaN among it, is no bound.
         [
@@ -337,6 +344,7 @@ fn inverse<S: Simd>(simd: S, [low, high]: [W<S>; 2]) -> [W<S>; 2] {
 mod tests {
     use super::*;
     use crate::footprint::{Form, Octet, Record, Rect, SurfaceSample, Tag};
+    use crate::raster::CloudSurface;
     use crate::simd::{Level, dispatch};
     use proptest::prelude::*;
 
@@ -365,11 +373,11 @@ mod tests {
                 tag: Tag { form, ..Record::BLANK.tag },
                 ..Record::BLANK
             };
-            let lens = SurfelLens { near: 0.1, cutoff: 12.25, is_perspective, farthest_offset: 0.5, filter_area: 0.3 };
+            let lens = SurfelLens { near: 0.1, cutoff: 12.25, is_perspective, farthest_offset: 0.5, thickness: 0.01, filter_area: 0.3 };
             let tile = Tile::new([0, 0], 8, [8, 8]);
             let own_rects = [[Rect { min: [0; 2], max: [8; 2] }; LANES]];
             let octets = [Octet::of_one(record, SurfaceSample::default())];
-            let surfaces = Surfaces { octets: &octets, own_rects: &own_rects, depth_tolerances: &[0.0] };
+            let surfaces = Surfaces { octets: &octets, own_rects: &own_rects, clouds: &[CloudSurface::default()] };
             for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
                 let [depth, nearest, reach]: [[f32; 16]; 3] = dispatch!(level, simd => {
                     let mut surfels = Surfels::NONE;

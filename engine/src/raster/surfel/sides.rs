@@ -3,8 +3,8 @@
 use super::batch::Look;
 use super::{FACES_AWAY, IS_EXACT, IS_PLAIN, Surfel, SurfelLens};
 use crate::columns::LANES;
-use crate::footprint::Octet;
-use crate::raster::outline::{BATCH, Column, Outlines, Place, eight};
+use crate::footprint::{EVENLY_COVERED, Octet};
+use crate::raster::outline::{BATCH, Column, Outlines, Place, eight, sixteen};
 use crate::simd::*;
 use crate::tile::Tile;
 
@@ -21,6 +21,8 @@ pub(super) struct Sides {
     /// As in a [`Look`]; old of octets of which all are plain.
     tint: [Column; 3],
     clear: Column,
+    /// Coverage floors; then how even coverage is.
+    even: Column,
 }
 
 impl Sides {
@@ -32,6 +34,7 @@ impl Sides {
         numbers: [0.0; BATCH],
         tint: [[0.0; BATCH]; 3],
         clear: [0.0; BATCH],
+        even: [1.0; BATCH],
     };
 
     /// Puts in some surfels of an octet from a place on.
@@ -40,7 +43,7 @@ impl Sides {
         &mut self,
         simd: S,
         place: Place<S>,
-        (number, octet): (u32, &Octet),
+        (number, octet, floor): (u32, &Octet, f32),
         usual: [f32; 3],
     ) {
         let (zero, one) = (splat(simd, 0.0), splat(simd, 1.0));
@@ -53,6 +56,7 @@ impl Sides {
             let clear = one - V::simd_from(simd, look[3]);
             is_plain = clear.simd_le(zero);
             place.put(simd, &mut self.clear, &clear.into());
+            place.put(simd, &mut self.even, &[floor; LANES]);
             for ((column, look), usual) in self.tint.iter_mut().zip(look).zip(usual) {
                 let tint = V::simd_from(simd, look) - usual;
                 is_plain &= tint.simd_eq(zero);
@@ -68,6 +72,16 @@ impl Sides {
         for (column, normal) in self.normal.iter_mut().zip(&octet.normal) {
             place.put(simd, column, normal);
         }
+    }
+
+    /// Raises sixteen floors by the filter's share of footprints. As that and the share to which the filter dims a surfel add up to one at most
+    /// (Minkowski's inequality), coverage is as even at least.
+    #[inline(always)]
+    pub(super) fn even_out<S: Simd>(&mut self, simd: S, first: usize, of_filter: W<S>) {
+        let floor = sixteen(simd, &self.even, first);
+        let even = floor.max(W::simd_from(simd, EVENLY_COVERED as f32));
+        let own = (W::simd_from(simd, 1.0) - of_filter).sqrt();
+        (floor - even).mul_add(own, even).store_slice(&mut self.even[first..first + 16]);
     }
 
     /// Which of the first ones are in the exact form.
@@ -140,8 +154,9 @@ impl Sides {
                 |column| eight(simd, column, first),
             );
             let special = rows(simd, [red, green, blue, eight(simd, &self.clear, first)]);
-            for (look, [red, green, blue, clear]) in looks[first..first + LANES].iter_mut().zip(special) {
-                *look = Look { tint: [red, green, blue], clear };
+            let looks = looks[first..first + LANES].iter_mut();
+            for ((look, [red, green, blue, clear]), even) in looks.zip(special).zip(&self.even[first..]) {
+                *look = Look { tint: [red, green, blue], clear, even: *even };
             }
         }
     }
