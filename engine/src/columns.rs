@@ -178,6 +178,8 @@ pub(crate) struct Columns {
     pub(crate) colors: Repeated<3>,
     pub(crate) harmonics: Option<PackedHarmonics>,
     pub(crate) normals: Option<Column<3>>,
+    /// Of surfels that stand for others, see `levels::Orientation`. They stay in their order.
+    pub(crate) orientations: Option<Column<9>>,
     pub(crate) material: Material,
 }
 
@@ -194,6 +196,7 @@ impl Default for Columns {
             colors: Repeated::default(),
             harmonics: None,
             normals: None,
+            orientations: None,
             material: Material::default(),
         }
     }
@@ -233,6 +236,7 @@ impl Columns {
             colors: Repeated::new(splats.colors, |color| *color),
             harmonics: splats.harmonics.map(PackedHarmonics::new),
             normals: splats.normals.map(|normals| Column::new(normals, Vec3::to_array)),
+            orientations: None,
             material: splats.material,
         }
     }
@@ -286,6 +290,7 @@ impl Columns {
             colors,
             harmonics,
             normals,
+            orientations,
         } = self;
         let factors = match factors {
             Factors::Shared(_) => 0,
@@ -298,6 +303,7 @@ impl Columns {
             + colors.bytes()
             + harmonics.as_ref().map_or(0, |harmonics| size_of_val(&harmonics.pairs[..]))
             + normals.as_ref().map_or(0, Column::bytes)
+            + orientations.as_ref().map_or(0, Column::bytes)
     }
 
     pub(crate) fn center(&self, index: usize) -> Vec3 {

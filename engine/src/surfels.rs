@@ -93,6 +93,7 @@ impl Cloud {
             ),
             harmonics: None,
             normals: None,
+            orientations: None,
             material,
         });
         Ok(())

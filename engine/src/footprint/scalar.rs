@@ -11,7 +11,7 @@ use crate::color::{linear_to_srgb, srgb_to_linear};
 use crate::columns::{self, Columns};
 use crate::cull::Frustum;
 use crate::harmonics::basis;
-use crate::levels::Level;
+use crate::levels::{Level, Orientation};
 use crate::occlusion::Looked;
 use crate::scene::{Blend, FootprintForm, RenderSettings};
 use crate::shade::Shader;
@@ -110,10 +110,19 @@ impl<'a> Projector<'a> {
             factor: self.cloud_to_camera.matrix3 * factor_in_cloud.as_dmat3(),
         };
         let perspective = lens.projection == Projection::Perspective;
-        let geometric_normal = (self.normal_to_camera * axis_normal(factor_in_cloud)).normalize_or_zero();
+        let own_normal = (self.normal_to_camera * axis_normal(factor_in_cloud)).normalize_or_zero();
+        // The vector area of what is seen, and of what area it is a share.
+        let side = splats.orientations.as_ref().map(|orientations| {
+            let seen_along = self.seen_along(splats.center(index));
+            Orientation::of_numbers(orientations.row(index)).side(seen_along, self.hides_backs)
+        });
+        let (facing, area_scale) = match &side {
+            Some(side) => (self.normal_to_camera * side.area, 1.0),
+            None => (own_normal, area_scale(self.cloud_to_camera.matrix3, factor_in_cloud)),
+        };
         if self.hides_backs {
             let ray = if perspective { splat.center } else { DVec3::Z };
-            if geometric_normal.dot(ray) >= 0.0 {
+            if facing.dot(ray) >= 0.0 {
                 return None;
             }
         }
@@ -151,6 +160,7 @@ impl<'a> Projector<'a> {
         let mut record = Record::geometry(&footprint, form);
         record.tag.cloud = self.cloud_index;
         let normal = splats.normal(index).as_dvec3();
+        let normal = side.map_or(normal, |side| side.kept * normal + side.shift);
         // How much shorter than 1 a mean is says how much normals differ.
         let length = if self.has_means { normal.length().min(1.0) } else { 1.0 };
         let normal = (self.normal_to_camera * normal).normalize_or_zero() * length;
@@ -179,22 +189,20 @@ impl<'a> Projector<'a> {
                 record.color = shaded(normal);
             }
             columns::Kind::Surface(surface) => {
-                let area = f64::from(splats.strength(index))
-                    * area_scale(self.cloud_to_camera.matrix3, factor_in_cloud)
-                    * gain;
+                let area = f64::from(splats.strength(index)) * area_scale * gain;
                 let floor = filtered_floor(
                     f64::from(surface.coverage_floor),
                     footprint.filter_attenuation(&splat, lens),
                 );
                 let coverage = area * footprint.unit_integral / floor;
-                let slope = geometric_normal.truncate() / lens.focal * coverage;
+                let slope = facing.truncate() / lens.focal * coverage;
                 record.tag.kind = Kind::Surface;
-                record.amplitude = single(coverage * geometric_normal.dot(ray));
+                record.amplitude = single(coverage * facing.dot(ray));
                 record.amplitude_slope_or_slabs = [single(slope.x), single(slope.y)];
                 record.color = color;
                 // The side that is seen is the shape's; a shading normal agrees with it.
-                let normal = match normal.dot(geometric_normal) {
-                    _ if normal == DVec3::ZERO => geometric_normal,
+                let normal = match normal.dot(facing) {
+                    _ if normal == DVec3::ZERO => facing,
                     cosine if cosine < 0.0 => -normal,
                     _ => normal,
                 };

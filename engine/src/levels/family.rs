@@ -1,7 +1,7 @@
 //! Splats that one will stand for, and their moments.
 
 use crate::columns::{Columns, Kind};
-use crate::levels::CHILDREN;
+use crate::levels::{CHILDREN, Orientation};
 use glam::{DMat3, DVec3};
 use std::ops::Range;
 
@@ -15,8 +15,8 @@ pub(super) struct Member {
     pub(super) color: DVec3,
     /// For shading; zero for none.
     pub(super) normal: DVec3,
-    /// e₁ × e₂ of the factor, of length 1, or 0 for needles.
-    pub(super) shape_normal: DVec3,
+    /// Of surfaces. Of one that stands for no others it is e₁ × e₂ of the factor, of length 1, or 0 for needles.
+    pub(super) orientation: Orientation,
     /// Its part in the means of the family; all add up to 1.
     pub(super) share: f64,
 }
@@ -90,7 +90,10 @@ impl Member {
         let factor = columns.factor(index).as_dmat3();
         let covariance = factor * factor.transpose();
         let strength = f64::from(columns.strength(index));
-        let shape_normal = factor.x_axis.cross(factor.y_axis).normalize_or_zero();
+        let orientation = match &columns.orientations {
+            Some(orientations) => Orientation::of_numbers(orientations.row(index)),
+            None => Orientation::of(factor.x_axis.cross(factor.y_axis).normalize_or_zero()),
+        };
         let normal = columns.normal(index).as_dvec3();
         let normal = if normal.length_squared() > 1.0 { normal.normalize() } else { normal };
         let is_surface = matches!(columns.kind, Kind::Surface(_));
@@ -99,8 +102,8 @@ impl Member {
             covariance,
             opacity: f64::from(columns.opacity(index)),
             color: DVec3::from_array(columns.color(index).map(f64::from)),
-            normal: if is_surface && normal == DVec3::ZERO { shape_normal } else { normal },
-            shape_normal,
+            normal: if is_surface && normal == DVec3::ZERO { orientation.mean } else { normal },
+            orientation,
             share: match columns.kind {
                 Kind::Extinction | Kind::Surface(_) => strength,
                 Kind::Opacity(_) => strength * mean_shadow(covariance),

@@ -1,8 +1,8 @@
-//! Four splats to one that stands for them: their mass, mean and covariance; of surfaces their vector area.
+//! Four splats to one that stands for them: their mass, mean and covariance; of surfaces their area and how their normals are spread.
 
 use super::family::{Family, Member, mean_shadow, outer};
 use super::need::Terms;
-use super::{Level, clusters, range_of};
+use super::{Level, Orientation, clusters, range_of};
 use crate::closed::Closed;
 use crate::cloud::{Harmonics, Shapes, Splats, Strength, Surface};
 use crate::color::{linear_to_srgb, srgb_to_linear};
@@ -20,6 +20,7 @@ struct Merged {
     opacity: f32,
     color: [f32; 3],
     normal: Vec3,
+    orientation: Orientation,
     need: f32,
 }
 
@@ -38,7 +39,7 @@ pub(super) fn coarser(below: &Level, tolerance: f64) -> Level {
     let merged: Vec<Merged> = (0..count).into_par_iter().with_min_len(FAMILIES_A_TASK).map(merged).collect();
     let column = |value: fn(&Merged) -> f32| merged.iter().map(value).collect::<Vec<f32>>();
     let strengths = column(|m| m.strength);
-    let above = Columns::new(Splats {
+    let mut above = Columns::new(Splats {
         centers: merged.iter().map(|m| m.center).collect(),
         shapes: Shapes::Each(merged.iter().map(|m| m.factor).collect()),
         strength: match columns.kind {
@@ -75,6 +76,10 @@ pub(super) fn coarser(below: &Level, tolerance: f64) -> Level {
             .then(|| merged.iter().map(|m| m.normal).collect()),
         material: columns.material,
     });
+    if matches!(columns.kind, Kind::Surface(_)) {
+        let orientations = merged.iter().map(|m| m.orientation.numbers()).collect();
+        above.orientations = Some(Column::new(orientations, |numbers| *numbers));
+    }
     let needs = column(|m| m.need);
     let mut clusters = clusters(&above);
     for cluster in &mut clusters {
@@ -94,7 +99,7 @@ impl Merged {
         let covariance = family.covariance();
         let (strength, factor);
         let mut normals;
-        let mut facing = DVec3::ZERO;
+        let mut orientation = Orientation::default();
         match columns.kind {
             Kind::Extinction => {
                 normals = turned(family, |m| m.normal);
@@ -109,17 +114,16 @@ impl Merged {
             }
             Kind::Surface(SurfaceKind { ref closed, .. }) => {
                 // A sheet has no front; what is closed from anywhere has, and its normals are on that side.
-                let own = |m: &Member| m.shape_normal;
+                let own = |m: &Member| m.orientation.mean;
                 let is_sheet = *closed == Closed::Nowhere;
-                let shapes = if is_sheet { turned(family, own) } else { each(family, own) };
-                let sides: DVec3 = family.members().iter().zip(shapes).map(|(m, n)| m.share * n).sum();
+                let means = if is_sheet { turned(family, own) } else { each(family, own) };
                 normals = each(family, |m| m.normal);
-                for ((normal, shape), m) in normals.iter_mut().zip(shapes).zip(family.members()) {
-                    *normal *= if shape.dot(m.shape_normal) < 0.0 { -1.0 } else { 1.0 };
+                for ((normal, mean), m) in normals.iter_mut().zip(means).zip(family.members()) {
+                    *normal *= if mean.dot(m.orientation.mean) < 0.0 { -1.0 } else { 1.0 };
                 }
-                strength = family.weight * sides.length();
-                facing = sides.normalize_or(DVec3::Z);
-                factor = facing_factor(covariance, facing);
+                orientation = Orientation::of_family(family, means);
+                strength = family.weight;
+                factor = facing_factor(covariance, orientation.mean.normalize_or(DVec3::Z));
             }
         }
         let mut normal: DVec3 =
@@ -136,7 +140,7 @@ impl Merged {
         } else {
             family.mean(|m| m.color).as_vec3().to_array()
         };
-        let terms = Terms::new(columns, family, normals, (strength, facing));
+        let terms = Terms::new(columns, family, normals, (strength, &orientation));
         let mut shares = [0.0; CHILDREN];
         shares.iter_mut().zip(family.members()).for_each(|(share, m)| *share = m.share as f32);
         Self {
@@ -147,6 +151,7 @@ impl Merged {
             opacity: family.average(|m| m.opacity).min(1.0) as f32,
             color,
             normal: normal.as_vec3(),
+            orientation,
             need: terms.need(tolerance).max(least),
         }
     }

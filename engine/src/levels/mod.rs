@@ -8,6 +8,7 @@ mod family;
 mod merge;
 mod need;
 mod order;
+mod orientation;
 
 use crate::columns::{CHILDREN, Column, Columns, Factors, LANES, Lanes};
 use crate::cone::Cone;
@@ -17,6 +18,7 @@ use family::frobenius_squared;
 use glam::Vec3;
 use merge::coarser;
 use order::make_compact;
+pub(crate) use orientation::{LEAST_WIDTH, Orientation};
 use rayon::prelude::*;
 use std::ops::Range;
 

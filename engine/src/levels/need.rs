@@ -10,7 +10,9 @@
 //! Random signs would ask for 0.7 of a dipole and 0.2 of a third moment; neighbours of real scenes cancel better. Lattices don't:
 //! the factor of fourth cumulants is that of a plane's coverage where levels meet.
 
+use super::Orientation;
 use super::family::{Family, eigenvalues, frobenius_squared, outer};
+use crate::closed::Closed;
 use crate::cloud::{Material, OpacityFilter};
 use crate::columns::{CHILDREN, Columns, Kind, SurfaceKind};
 use glam::{DMat3, DVec3};
@@ -28,14 +30,16 @@ const FOURTH: [f64; 2] = [0.02, 0.3];
 const HIDDEN: f64 = 4.0;
 /// Of the spread of normals: light on both sides is no linear function of them.
 const SHADING: f64 = 0.2;
-/// Of the part of a family's area that its vector area lacks: 1 − |N|/Σa, all of it for the two sides of a thin body.
-const LOST: f64 = 4.0;
+/// Of the area seen of a family that the merged surfel shows too much or too little of.
+const LOST: f64 = 20.0;
+/// 1 − |N|/Σa of families that are seen as their vector areas are.
+const FLAT: f64 = 1e-4;
 /// Of the part of a bent family that a silhouette loses: √(1 − |N|/Σa) of its length, by 1/σ; and by 1 over the coverage floor, since the
 /// lower that is, the steeper outlines are.
-const BEND: f64 = 1.7;
+const BEND: f64 = 0.8;
 /// Of how far a family spreads along its normal, in depth tolerances: which samples are of a layer depends on the first of them, and
 /// no distance changes that.
-const LAYER: f64 = 1.0;
+const LAYER: f64 = 4.0;
 /// Of τ²: what overlaps hides itself, but one splat's opacity is a sum.
 const OVERLAP: f64 = 0.15;
 /// Sub-pixel splats of [`OpacityFilter::Classic`] are not dimmed, so that nothing can stand for them. They are merged only to
@@ -60,13 +64,13 @@ pub(super) struct Terms {
 }
 
 impl Terms {
-    /// Of a family whose merged splat has the given strength and, if it is of a surface, faces along a unit vector; `normals` are the
-    /// members' for shading, as they are averaged.
+    /// Of a family whose merged splat has the given strength and, if it is of a surface, the given orientation; `normals` are the members'
+    /// for shading, as they are averaged.
     pub(super) fn new(
         columns: &Columns,
         family: &Family,
         normals: [DVec3; CHILDREN],
-        (strength, facing): (f64, DVec3),
+        (strength, orientation): (f64, &Orientation),
     ) -> Self {
         let is_surface = matches!(columns.kind, Kind::Surface(_));
         let color = family.mean(|m| m.color);
@@ -125,12 +129,14 @@ impl Terms {
             overlap: 0.0,
             factor: 1.0,
         };
-        if let Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, .. }) = columns.kind {
-            let lost = (1.0 - strength / family.weight.max(f64::MIN_POSITIVE)).max(0.0);
+        if let Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, ref closed }) = columns.kind {
+            let bent = (1.0 - orientation.mean.length()).max(0.0);
+            let facing = orientation.mean.normalize_or(DVec3::Z);
             let through = facing.dot(family.between * facing).max(0.0).sqrt();
+            let lost = if bent > FLAT { lost(family, orientation, *closed != Closed::Nowhere) } else { 0.0 };
             terms.random[0] =
                 LOST * lost + LAYER * (through / f64::from(depth_tolerance).max(f64::MIN_POSITIVE)).min(1.0);
-            terms.bend = BEND / f64::from(coverage_floor) * 2.0 * (trace(family.between) * lost).sqrt();
+            terms.bend = BEND / f64::from(coverage_floor) * 2.0 * (trace(family.between) * bent).sqrt();
         } else {
             let hidden = (depth / lateral.max(f64::MIN_POSITIVE)).min(1.0);
             terms.random[0] =
@@ -183,6 +189,29 @@ const OF_TOLERANCE: f64 = 0.8;
 
 /// To 1 %.
 const BISECTIONS: usize = 6;
+
+/// By how much what is seen of a family is off, as a share of its area, at most: how it is seen from fourteen sides, if backs are or are not.
+fn lost(family: &Family, orientation: &Orientation, hides_backs: bool) -> f64 {
+    let off = |u: DVec3| {
+        let own = family.average(|m| m.orientation.seen_from(u, hides_backs));
+        (orientation.seen_from(u, hides_backs) - own).abs()
+    };
+    SIDES.into_iter().flat_map(|u| [off(u), off(-u)]).fold(0.0, f64::max)
+}
+
+/// A cube's faces and corners, each and its opposite once.
+const SIDES: [DVec3; 7] = {
+    const R: f64 = 0.577_350_269_189_625_8;
+    [
+        DVec3::X,
+        DVec3::Y,
+        DVec3::Z,
+        DVec3::new(R, R, R),
+        DVec3::new(-R, R, R),
+        DVec3::new(R, -R, R),
+        DVec3::new(R, R, -R),
+    ]
+};
 
 fn trace(m: DMat3) -> f64 {
     m.x_axis.x + m.y_axis.y + m.z_axis.z

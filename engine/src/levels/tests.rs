@@ -2,7 +2,7 @@ use super::*;
 use crate::cloud::{Cloud, Harmonics, Material, OpacityFilter, Shapes, Splats, Strength, Surface};
 use crate::color::linear_to_srgb;
 use crate::columns::Kind;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// A number in [0, 1) that looks random.
 fn noise(i: usize, k: f64) -> f32 {
@@ -114,20 +114,30 @@ fn volumes_keep_mass_mean_covariance_and_looks() {
 }
 
 #[test]
-fn closed_surfaces_keep_their_vector_area_and_flat_ones_all_else() {
-    let vector_area = |columns: &Columns| -> DVec3 {
-        let one = |i: usize| {
-            let factor = columns.factor(i).as_dmat3();
-            let normal = factor.x_axis.cross(factor.y_axis).normalize_or_zero();
-            f64::from(columns.strength(i)) * normal
-        };
-        (0..columns.len).map(one).sum()
-    };
+fn closed_surfaces_keep_their_areas_and_normals_and_flat_ones_all_else() {
     let surface = &clouds(5000)[2];
+    assert_kept(surface, |_| true);
+    // Vector areas, and the second moments of normals.
+    let orientations = |columns: &Columns| -> (DVec3, DMat3) {
+        let one = |i: usize| -> (DVec3, DMat3) {
+            let Orientation { mean, spread } = match &columns.orientations {
+                Some(orientations) => Orientation::of_numbers(orientations.row(i)),
+                None => {
+                    let factor = columns.factor(i).as_dmat3();
+                    let mean = factor.x_axis.cross(factor.y_axis).normalize_or_zero();
+                    Orientation { mean, spread: DMat3::ZERO }
+                }
+            };
+            let area = f64::from(columns.strength(i));
+            (area * mean, area * (spread + family::outer(mean, mean)))
+        };
+        (0..columns.len).map(one).fold(Default::default(), |(a, b), (c, d)| (a + c, b + d))
+    };
     let area = sums(surface.columns())[0];
-    let own = vector_area(surface.columns());
+    let (vector, moments) = orientations(surface.columns());
     for level in surface.levels() {
-        let error = (vector_area(&level.columns) - own).length();
+        let (own, squares) = orientations(&level.columns);
+        let error = (own - vector).length() + family::frobenius_squared(squares - moments).sqrt();
         assert!(error < 1e-5 * area, "{error} of {area}");
     }
 

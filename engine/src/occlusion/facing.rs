@@ -86,7 +86,16 @@ impl<'a> Facing<'a> {
         let (place, across) = self.surfels(simd, range, block);
         let cofactors = [self.cofactors.row(0), self.cofactors.row(1), self.cofactors.row(2)];
         let length = dot(across, across).sqrt();
-        let areas = V::simd_from(simd, self.columns.strengths.block(block, &mut Default::default())[0]);
+        let mut areas = V::simd_from(simd, self.columns.strengths.block(block, &mut Default::default())[0]);
+        // Of merged ones the vector area, which is less than what is seen.
+        if let Some(orientations) = &self.columns.orientations {
+            let [x, y, z, ..] = *orientations.block(block);
+            let mean = [x, y, z].each(
+                #[inline(always)]
+                |row| V::simd_from(simd, row),
+            );
+            areas *= dot(mean, mean).sqrt();
+        }
         let areas = length.simd_gt(splat(simd, 1e-18)).select(areas / length, zero);
         let normal = turn(simd, &cofactors, across);
         let facing = dot(normal, ray);
@@ -238,7 +247,11 @@ impl<'a> Facing<'a> {
         let normal = turn(simd, &cofactors, across);
         let length = dot(normal, normal).sqrt();
         // A shape that is no disc could face any way.
-        let facing = length.simd_gt(splat(simd, 1e-18)).select(dot(normal, ray) / length, zero);
+        let mut facing = length.simd_gt(splat(simd, 1e-18)).select(dot(normal, ray) / length, zero);
+        // Nor is it known of merged ones which way that faces which is seen of them.
+        if self.columns.orientations.is_some() {
+            facing = zero;
+        }
         // A plane changes by n·δ over n·v at the pixel, and is followed so far only.
         let (own, limit) = if is_perspective {
             let inner = z - reach;

@@ -1,6 +1,7 @@
 //! The wide projection against its specification, splat by splat.
 
 mod compare;
+mod merged;
 mod setups;
 
 use super::*;

@@ -26,8 +26,6 @@ pub(super) struct Placed<S: Simd> {
 
 /// Their footprints.
 pub(super) struct Footprints<S: Simd> {
-    /// In camera space.
-    pub(super) half_axes: [V3<S>; 3],
     pub(super) mean: [V<S>; 2],
     pub(super) conic_root: V3<S>,
     pub(super) depth_slope: [V<S>; 2],
@@ -155,7 +153,6 @@ impl WideProjector<'_> {
         }
         let solid = self.focal[0] * self.focal[1] / std::f32::consts::TAU;
         Footprints {
-            half_axes,
             mean,
             conic_root: [root_y * inverse_root, -xy * inverse_y * inverse_root, inverse_y],
             depth_slope: [slope_x * inverse_area, slope_y * inverse_area],

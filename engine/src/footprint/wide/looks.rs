@@ -3,6 +3,7 @@
 use super::super::scalar::EVENLY_COVERED;
 use super::WideProjector;
 use super::geometry::{Footprints, Placed, lanes};
+use super::sides::Spread;
 use crate::cloud::OpacityFilter;
 use crate::columns::{self, PackedHarmonics};
 use crate::harmonics::basis;
@@ -27,6 +28,16 @@ pub(super) struct Looks<S: Simd> {
 }
 
 impl WideProjector<'_> {
+    /// The unit vectors from the eye along vectors in cloud space, or along parallel rays.
+    #[inline(always)]
+    pub(super) fn seen_along<S: Simd>(&self, simd: S, towards: V3<S>) -> V3<S> {
+        if self.perspective {
+            return normalize_or_zero(simd, towards);
+        }
+        let forward = self.scalar.camera_to_cloud.matrix3.z_axis.normalize_or_zero();
+        splat3(simd, forward.as_vec3().to_array())
+    }
+
     /// The base colours in the space of blending, as they are seen from the eye.
     #[inline(always)]
     fn base_colors<S: Simd>(&self, simd: S, block: usize, towards: V3<S>) -> V3<S> {
@@ -38,13 +49,7 @@ impl WideProjector<'_> {
         }
         let mut encoded = colors_to_srgb(simd, linear);
         if let Some(harmonics) = &columns.harmonics {
-            let direction = if self.perspective {
-                normalize_or_zero(simd, towards)
-            } else {
-                let forward = self.scalar.camera_to_cloud.matrix3.z_axis.normalize_or_zero();
-                splat3(simd, forward.as_vec3().to_array())
-            };
-            let color = evaluate(simd, harmonics, block, direction);
+            let color = evaluate(simd, harmonics, block, self.seen_along(simd, towards));
             encoded = [0, 1, 2].each(
                 #[inline(always)]
                 |i| (encoded[i] + color[i]).max(splat(simd, 0.0)),
@@ -62,14 +67,20 @@ impl WideProjector<'_> {
         simd: S,
         block: usize,
         placed: &Placed<S>,
-        towards: V3<S>,
+        (towards, spread): (V3<S>, &Option<Spread<S>>),
     ) -> Colors<S> {
         let columns = self.scalar.columns;
         let color = self.base_colors(simd, block, towards);
         let normal = match &columns.normals {
             None => splat3(simd, [0.0; 3]),
             Some(normals) => {
-                let own = lanes(simd, *normals.block(block));
+                let mut own = lanes(simd, *normals.block(block));
+                if let Some(Spread { kept, shift, .. }) = spread {
+                    own = [0, 1, 2].each(
+                        #[inline(always)]
+                        |i| kept.mul_add(own[i], shift[i]),
+                    );
+                }
                 let unit = normalize_or_zero(simd, Self::transform(simd, &self.normal_to_camera, own));
                 if self.scalar.has_means {
                     let length = dot(own, own).sqrt().min(splat(simd, 1.0));
@@ -101,7 +112,7 @@ impl WideProjector<'_> {
         simd: S,
         block: usize,
         (placed, footprints): (&Placed<S>, &Footprints<S>),
-        Colors { color, normal }: Colors<S>,
+        (Colors { color, normal }, areas): (Colors<S>, V3<S>),
     ) -> Looks<S> {
         let columns = self.scalar.columns;
         let zero = splat(simd, 0.0);
@@ -131,24 +142,19 @@ impl WideProjector<'_> {
                 let lacks = splat(simd, surface.coverage_floor - even);
                 let floor = lacks.mul_add(footprints.attenuation.sqrt(), splat(simd, even));
                 let coverage = strength * footprints.unit_integral / floor;
-                let [a, b, _] = footprints.half_axes;
-                let own = normalize_or_zero(simd, cross(a, b)).each(
-                    #[inline(always)]
-                    |n| n * self.handedness,
-                );
-                let facing = dot(own, placed.ray);
+                let facing = dot(areas, placed.ray);
                 let amplitude = coverage * facing;
                 let slope = [0, 1].each(
                     #[inline(always)]
-                    |i| own[i] * coverage * (1.0 / self.focal[i]),
+                    |i| areas[i] * coverage * (1.0 / self.focal[i]),
                 );
                 // The side that is seen is the shape's; a shading normal agrees with it.
-                let cosine = dot(normal, own);
+                let cosine = dot(normal, areas);
                 let turned = cosine.simd_lt(zero);
                 let bare = dot(normal, normal).simd_eq(zero);
                 let normal = [0, 1, 2].each(
                     #[inline(always)]
-                    |i| bare.select(own[i], turned.select(-normal[i], normal[i])),
+                    |i| bare.select(areas[i], turned.select(-normal[i], normal[i])),
                 );
                 let mut is_seen = amplitude.abs().simd_gt(zero)
                     | slope[0].abs().simd_gt(zero)

@@ -7,6 +7,7 @@ mod forms;
 mod geometry;
 mod hidden;
 mod looks;
+mod sides;
 mod write;
 
 use super::scalar::Projector;
@@ -35,6 +36,8 @@ pub(super) struct WideProjector<'a> {
     handedness: f32,
     /// What strengths are multiplied by: the volume's or area's scale, and the cut-off's gain.
     strength_scale: f32,
+    /// Of a surface that keeps its proportions, 1 over what areas grow by.
+    per_area_scale: f32,
     /// A cloud that is stretched unevenly has another area scale for each surfel.
     is_even: bool,
     cutoff: f32,
@@ -88,6 +91,7 @@ impl<'a> WideProjector<'a> {
             },
             handedness: linear.determinant().signum() as f32,
             strength_scale: strength_scale as f32,
+            per_area_scale: scalar.determinant.cbrt().powi(2).max(f64::MIN_POSITIVE).recip() as f32,
             is_even: !is_surface || is_similarity(linear),
             cutoff: cutoff as f32,
             low_pass: lens.low_pass.powi(2) as f32,
@@ -146,13 +150,16 @@ impl<'a> WideProjector<'a> {
                 |i| from_middle[i] - eye.to_array()[i] as f32,
             );
             let half_axes = self.half_axes(simd, block);
-            if self.scalar.hides_backs && self.all_face_away(simd, &placed, &half_axes) {
+            let spread = self.spread(simd, block, towards);
+            let areas =
+                if range.is_surface { self.areas(simd, &half_axes, &spread) } else { [splat(simd, 0.0); 3] };
+            if self.scalar.hides_backs && self.all_face_away(simd, &placed, areas) {
                 continue;
             }
-            let colors = self.colors(simd, block, &placed, towards);
+            let colors = self.colors(simd, block, &placed, (towards, &spread));
             let mut footprints = self.footprints(simd, &placed, half_axes);
             let forms = self.forms(simd, range.is_surface, &placed, &mut footprints);
-            let looks = self.looks(simd, block, (&placed, &footprints), colors);
+            let looks = self.looks(simd, block, (&placed, &footprints), (colors, areas));
             let seen = (&placed, &footprints, &looks, &forms);
             self.push(simd, (range, first, chosen), seen, (out, &mut ends, hiding));
         }
@@ -187,11 +194,11 @@ impl<'a> WideProjector<'a> {
 
     /// Whether surfels show their backs, all of a block.
     #[inline(always)]
-    fn all_face_away<S: Simd>(&self, simd: S, placed: &Placed<S>, [a, b, _]: &[V3<S>; 3]) -> bool {
+    fn all_face_away<S: Simd>(&self, simd: S, placed: &Placed<S>, areas: V3<S>) -> bool {
         let zero = splat(simd, 0.0);
         // Behind the eye, where rays are turned round, too.
         let to_center = if self.perspective { placed.center } else { placed.ray };
-        (dot(cross(*a, *b), to_center) * self.handedness).simd_ge(zero).all_true()
+        dot(areas, to_center).simd_ge(zero).all_true()
     }
 
     /// Projects some surfels of a block, each by itself.

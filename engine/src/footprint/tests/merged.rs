@@ -1,0 +1,137 @@
+//! Surfels that stand for others: the wide projection against its specification.
+
+use super::*;
+use crate::camera::{Camera, Pose};
+use crate::cloud::{Cloud, Shapes, Splats, Strength, Surface, oblate_factor};
+use glam::DVec3;
+use setups::transform;
+use std::sync::LazyLock;
+
+/// A ball of radius 1 with bumps, closed and open, with levels.
+static BODIES: LazyLock<[Cloud; 2]> = LazyLock::new(|| [true, false].map(body));
+
+fn body(closed: bool) -> Cloud {
+    let count = 20_000_i16;
+    let point = |i: i16| {
+        let z = 1.0 - (2.0 * f32::from(i) + 1.0) / f32::from(count);
+        let (sin, cos) = (f32::from(i) * 2.399_963_2).sin_cos();
+        let across = (1.0 - z * z).sqrt();
+        Vec3::new(across * cos, across * sin, z)
+    };
+    let normal = |i: i16| point(i) + 0.2 * (point(i) * 7.0).map(f32::sin);
+    let splats = Splats {
+        centers: (0..count).map(point).collect(),
+        shapes: Shapes::Each((0..count).map(|i| oblate_factor(normal(i), 0.02, f32::INFINITY)).collect()),
+        strength: Strength::Surface(Surface {
+            areas: vec![6e-4; count as usize],
+            opacities: None,
+            depth_tolerance: 0.02,
+            coverage_floor: 0.9,
+            closed: closed.into(),
+        }),
+        colors: vec![[0.5; 3]; count as usize],
+        harmonics: None,
+        normals: None,
+        material: Material::default(),
+    };
+    Cloud::new(splats.in_morton_order()).unwrap().with_levels()
+}
+
+/// The coverage of a surfel if all of its normals faced the eye, over its floor at most.
+fn whole(projector: &Projector, index: usize) -> f64 {
+    let splat = CameraSplat {
+        center: projector.cloud_to_camera.transform_point3(projector.columns.center(index).as_dvec3()),
+        factor: projector.cloud_to_camera.matrix3 * projector.columns.factor(index).as_dmat3(),
+    };
+    let footprint = Footprint::new(&splat, &projector.view.lens).unwrap();
+    let axes = projector.normal_to_camera;
+    let scale =
+        [axes.x_axis, axes.y_axis, axes.z_axis].map(|axis| axis.length()).into_iter().fold(0.0, f64::max);
+    f64::from(projector.columns.strength(index)) * scale * footprint.unit_integral / 0.9
+}
+
+/// Eight surfels as the wide projection shows them.
+fn projected(level: Level, projector: &Projector, range: &VisibleRange) -> Octet {
+    let wide = WideProjector::new(projector);
+    let (mut octets, mut own_rects) = ([Octet::NONE], [[Rect::NONE; LANES]]);
+    let (mut rects, mut distances) = ([Rect::default()], [const { AtomicU32::new(0) }; 1]);
+    let (mut run, mut tally) = (Run::new(0), Tally::default());
+    let mut places = Places {
+        records: &mut [],
+        octets: &mut octets,
+        own_rects: &mut own_rects,
+        rects: &mut rects,
+        distances: &mut distances,
+        run: &mut run,
+        tally: &mut tally,
+    };
+    let blocks = wide.blocks(level, range);
+    wide.project(level, (range, &blocks), &mut places);
+    let [octet] = octets;
+    octet
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn eight_merged_surfels_are_projected_as_one_is(
+        (closed, place, is_parallel) in (any::<bool>(), 0..4_usize, any::<bool>()),
+        (above, block) in (1..3_usize, any::<prop::sample::Index>()),
+        direction in prop::array::uniform3(-1.0..1.0_f64),
+    ) {
+        let cloud = BODIES[usize::from(!closed)].clone().transformed(transform(place));
+        let target = cloud.cloud_to_world().translation;
+        let eye = target + 12.0 * DVec3::from(direction).try_normalize().unwrap_or(DVec3::X);
+        let pose = Pose::look_at(eye, target, DVec3::new(0.3, 0.2, 0.9)).unwrap();
+        let camera = if is_parallel {
+            Camera::orthographic(pose, 6.0, [64; 2]).unwrap()
+        } else {
+            Camera::perspective(pose, 0.5, [64; 2]).unwrap()
+        };
+        let settings = RenderSettings::default();
+        let scene = Scene { clouds: vec![cloud], lights: Vec::new() };
+        let shaders = [Shader::new(&scene, &camera, Material::default())];
+        let view = SceneView {
+            scene: &scene,
+            camera: &camera,
+            settings: &settings,
+            shaders: &shaders,
+            closing: Closing::Centers { alike: 0.0 },
+            looked: None,
+            tile_side: 16,
+            level: Level::Baseline,
+        };
+        let columns = &scene.clouds[0].levels()[above].columns;
+        let first = LANES * block.index(columns.len / LANES);
+        let mut range = VisibleRange::whole(first..first + LANES, columns.center(first), true);
+        range.level = above;
+        let projector = view.projector(&range);
+        // Places in the body, at most 2.5 times as large, are rounded, and so are directions from the eye, which is not nearer than it is wide.
+        const ROUNDING: f64 = 200.0 * f32::EPSILON as f64;
+        for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
+            let octet = projected(level, &projector, &range);
+            for lane in 0..LANES {
+                let (found, expected) = (octet.get(lane), projector.project_splat(first + lane));
+                let whole = whole(&projector, first + lane);
+                let (Some((record, sample)), Some(expected)) = (&found, &expected) else {
+                    let shown = found.map_or_else(|| expected.map(|splat| splat.record), |(record, _)| Some(record));
+                    // One alone is next to nothing.
+                    let amplitude = shown.map_or(0.0, |record| f64::from(record.amplitude));
+                    prop_assert!(amplitude.abs() < ROUNDING * whole, "{level:?}, {lane}: {amplitude}");
+                    continue;
+                };
+                let numbers = |record: &Record| {
+                    let [x, y] = record.amplitude_slope_or_slabs.map(|slope| f64::from(slope) * camera.intrinsics().focal.x);
+                    DVec3::new(x, y, f64::from(record.amplitude))
+                };
+                let error = (numbers(record) - numbers(&expected.record)).length();
+                prop_assert!(error < ROUNDING * whole, "{level:?}, {lane}: {record:?}, {:?}", expected.record);
+                // Means by what is seen change as fast as 1 over it.
+                let seen = f64::from(expected.record.amplitude).abs() / whole;
+                let turned = (Vec3::from(sample.normal) - Vec3::from(expected.sample.normal)).length();
+                prop_assert!(f64::from(turned) * seen < ROUNDING, "{level:?}, {lane}: {sample:?}, {:?}", expected.sample);
+            }
+        }
+    }
+}
