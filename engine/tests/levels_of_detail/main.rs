@@ -193,3 +193,27 @@ fn shared_shapes_and_coincident_splats_are_drawn() {
     let [_, largest] = errors(&on, &off);
     assert!(largest < 1.0 / 255.0 && 50 * drawn < all, "{largest}, {drawn} of {all}");
 }
+
+/// Bodies so small and so far apart that each becomes one surfel, whose normals add up to nothing: it shows as much as they do.
+#[test]
+fn closed_bodies_that_are_one_surfel_show_as_much() {
+    let body = sphere(64, 0.02, [0.5; 3]).splats();
+    let cubes = |i: usize| Vec3::new((i % 12) as f32, (i / 12 % 12) as f32, (i / 144) as f32) / 6.0 - 0.9;
+    let points: Vec<_> = (0..12 * 12 * 12)
+        .flat_map(|i| {
+            let at = cubes(i);
+            body.centers.iter().map(move |place| (at + *place, *place / 0.02))
+        })
+        .collect();
+    let area = 4.0 * std::f32::consts::PI * 0.02 * 0.02 / 64.0;
+    let cloud = with_levels(surfels(&points, area, [0.5; 3], true));
+    let camera = camera(12.0, 64);
+    let [all, few] = [None, Some(2000)].map(|budget| {
+        let settings = RenderSettings { budget, level_of_detail: budget.is_some(), ..unshaded() };
+        draw_with(&cloud, &camera, settings)
+    });
+    assert!(few.1 <= 2000 && all.1 > 20_000, "{} of {}", few.1, all.1);
+    // Bodies are 0.2 pixels wide, so that where they are in a pixel hardly counts.
+    let error = energy(&few.0) / energy(&all.0) - 1.0;
+    assert!(error.abs() < 0.05, "{error}");
+}
