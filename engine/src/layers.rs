@@ -13,11 +13,10 @@
 mod list;
 mod sums;
 
-use crate::cloud::Cloud;
-use crate::columns::{Kind, LANES};
+use crate::columns::LANES;
 use crate::cuts::{Cut, Cuts, MAX_LAYERS};
 use crate::footprint::Part;
-use crate::raster::{BATCH, CloudSurface, Column, Room, Surfaces, SurfelLens, Surfels};
+use crate::raster::{BATCH, Column, Room, Surfaces, SurfelLens, Surfels};
 use crate::simd::*;
 use crate::tile::{HALF_BLOCK, PIXELS, Tile, pixels};
 use list::{List, Listed};
@@ -95,19 +94,6 @@ pub(crate) struct LayerBuilder<'a> {
     pub(crate) surfaces: Surfaces<'a>,
     pub(crate) lens: SurfelLens,
     pub(crate) spent: f32,
-}
-
-/// What layers ask of each cloud; nothing of volumes.
-pub(crate) fn surfaces_of(clouds: &[Cloud]) -> impl Iterator<Item = CloudSurface> {
-    clouds.iter().map(|cloud| match &cloud.columns().kind {
-        // A scaled cloud scales its radii; the cube root is exact for uniform scales.
-        Kind::Surface(surface) => {
-            let scale = cloud.cloud_to_world().matrix3.determinant().abs().cbrt();
-            let depth_tolerance = surface.depth_tolerance * scale as f32;
-            CloudSurface { depth_tolerance, coverage_floor: surface.coverage_floor }
-        }
-        _ => CloudSurface::default(),
-    })
 }
 
 impl LayerBuilder<'_> {
@@ -465,12 +451,14 @@ impl LayerBuilder<'_> {
         // Seen exactly edge-on a plane covers nothing, and hides nothing.
         let inverse = weight.simd_gt(W::simd_from(simd, 1e-30)).select(one / weight, zero);
         let mut opacity = one - (sums.clear * inverse).min(one);
-        // A layer may be several sheets, one behind the other: as many as it covers the pixel times, but for what a single one may by unevenness.
+        // A layer may be several sheets, one behind the other: as many as it covers the pixel times. But what a single one may cover too much by
+        // unevenness is none, and twice that is as much.
         let even = sums.even / sums.clear;
-        let too_much = (weight + one).mul_sub(even, one + one);
-        let is_many = too_much.simd_gt(zero) & opacity.simd_gt(zero);
+        let more = weight.mul_sub(even, one);
+        let beyond_one = more - (one - even);
+        let is_many = beyond_one.simd_gt(zero) & opacity.simd_gt(zero);
         if is_many.any_true() {
-            let sheets = too_much + one;
+            let sheets = (beyond_one + beyond_one).min(more) + one;
             let deep = crate::simd::opacity(simd, optical_depth(simd, opacity) * sheets);
             opacity = is_many.select(deep, opacity);
         }

@@ -15,7 +15,7 @@ use crate::footprint::{Lens, Part, Records, SceneView};
 use crate::frame::{BAND, Channels, Clear, Frame, FrameRows};
 use crate::grow::grow;
 use crate::lattice::Lattice;
-use crate::layers::{LayerBuilder, surfaces_of};
+use crate::layers::LayerBuilder;
 use crate::observer::{Counts, Observer, Stage};
 use crate::occlusion::{Occlusion, Visible};
 use crate::order::{Keys, Sorter};
@@ -199,7 +199,7 @@ impl Renderer {
         self.shaders.clear();
         self.shaders.extend(scene.clouds.iter().map(|cloud| Shader::new(scene, camera, cloud.material())));
         self.cloud_surfaces.clear();
-        self.cloud_surfaces.extend(surfaces_of(&scene.clouds));
+        self.cloud_surfaces.extend(scene.clouds.iter().map(CloudSurface::of));
         self.surfaces.clear();
         self.volumes.clear();
         self.frame.resize(camera.size().map(|length| length as usize), settings.channels);

@@ -110,7 +110,6 @@ impl<'a> Projector<'a> {
             factor: self.cloud_to_camera.matrix3 * factor_in_cloud.as_dmat3(),
         };
         let perspective = lens.projection == Projection::Perspective;
-        let own_normal = (self.normal_to_camera * axis_normal(factor_in_cloud)).normalize_or_zero();
         // The vector area of what is seen, and of what area it is a share.
         let side = splats.orientations.as_ref().map(|orientations| {
             let seen_along = self.seen_along(splats.center(index));
@@ -118,7 +117,10 @@ impl<'a> Projector<'a> {
         });
         let (facing, area_scale) = match &side {
             Some(side) => (self.normal_to_camera * side.area, 1.0),
-            None => (own_normal, area_scale(self.cloud_to_camera.matrix3, factor_in_cloud)),
+            None => {
+                let normal = (self.normal_to_camera * axis_normal(factor_in_cloud)).normalize_or_zero();
+                (normal, area_scale(self.cloud_to_camera.matrix3, factor_in_cloud))
+            }
         };
         if self.hides_backs {
             let ray = if perspective { splat.center } else { DVec3::Z };

@@ -138,11 +138,8 @@ mod tests {
     /// Directions from the axis of a cap to the opposite one.
     fn directions() -> impl Iterator<Item = DVec3> {
         (0..=24).map(|i| {
-            DVec3::new(
-                (f64::from(i) / 24.0 * std::f64::consts::PI).sin(),
-                0.0,
-                (f64::from(i) / 24.0 * std::f64::consts::PI).cos(),
-            )
+            let (sin, cos) = (f64::from(i) / 24.0 * std::f64::consts::PI).sin_cos();
+            DVec3::new(sin, 0.0, cos)
         })
     }
 

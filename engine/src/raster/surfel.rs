@@ -5,7 +5,8 @@ mod sides;
 
 use super::offsets::{Exact, HALF_LOG2_E, Offsets, Plane};
 use crate::camera::Projection;
-use crate::columns::LANES;
+use crate::cloud::Cloud;
+use crate::columns::{Kind, LANES};
 use crate::footprint::{Lens, Octet, Rect};
 use crate::simd::*;
 
@@ -88,6 +89,21 @@ pub(crate) struct CloudSurface {
     /// In the world.
     pub(crate) depth_tolerance: f32,
     pub(crate) coverage_floor: f32,
+}
+
+impl CloudSurface {
+    /// Nothing of volumes.
+    pub(crate) fn of(cloud: &Cloud) -> Self {
+        match &cloud.columns().kind {
+            // A scaled cloud scales its radii; the cube root is exact for uniform scales.
+            Kind::Surface(surface) => {
+                let scale = cloud.cloud_to_world().matrix3.determinant().abs().cbrt();
+                let depth_tolerance = surface.depth_tolerance * scale as f32;
+                Self { depth_tolerance, coverage_floor: surface.coverage_floor }
+            }
+            _ => Self::default(),
+        }
+    }
 }
 
 /// A surfel as the pixels of a tile see it: what each of its samples needs, in one line of the cache.

@@ -84,12 +84,14 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
         let shows_back = covered_by(true) > covered_by(false);
         // Coverage goes to the bare part of the pixel first; only what is too much for it lies behind what is
         // covered. `bare` is the share without a layer, `veiled` what the rest lets through.
-        // A layer may be several sheets, one behind the other: as many as it covers the pixel times, but for what a single one may by unevenness.
+        // A layer may be several sheets, one behind the other: as many as it covers the pixel times. But what a single one may cover too much by
+        // unevenness is none, and twice that is as much.
         let clear = |s: &Sample<'_>| (1.0 - s.opacity) * s.coverage();
         let even =
             taken.iter().map(|s| s.even * clear(s)).sum::<f64>() / taken.iter().map(clear).sum::<f64>();
         // Where all is opaque it is no number.
-        let sheets = 1.0 + (total * even - (2.0 - even)).max(0.0);
+        let more = total * even - 1.0;
+        let sheets = 1.0 + (2.0 * (more - (1.0 - even))).min(more).max(0.0);
         let opacity = 1.0 - (1.0 - covered / total).max(0.0).powf(sheets);
         let coverage = total.min(1.0);
         let [seen_before, bare_before] = [bare + veiled, bare];

@@ -227,7 +227,8 @@ impl<'a> Specification<'a> {
             let clear = 1.0 - mean(|s| s.opacity).min(1.0);
             // As many sheets as it covers the pixel times, but for what a single one may.
             let even = mean(|s| s.even * (1.0 - s.opacity)) / clear;
-            let sheets = 1.0 + (even * total - (2.0 - even)).max(0.0);
+            let more = even * total - 1.0;
+            let sheets = 1.0 + (2.0 * (more - (1.0 - even))).min(more).max(0.0);
             let opacity = 1.0 - clear.powf(sheets);
             let before = bare + covered;
             let coverage = total.min(1.0);

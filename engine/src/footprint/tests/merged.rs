@@ -50,27 +50,6 @@ fn whole(projector: &Projector, index: usize) -> f64 {
     f64::from(projector.columns.strength(index)) * scale * footprint.unit_integral / 0.9
 }
 
-/// Eight surfels as the wide projection shows them.
-fn projected(level: Level, projector: &Projector, range: &VisibleRange) -> Octet {
-    let wide = WideProjector::new(projector);
-    let (mut octets, mut own_rects) = ([Octet::NONE], [[Rect::NONE; LANES]]);
-    let (mut rects, mut distances) = ([Rect::default()], [const { AtomicU32::new(0) }; 1]);
-    let (mut run, mut tally) = (Run::new(0), Tally::default());
-    let mut places = Places {
-        records: &mut [],
-        octets: &mut octets,
-        own_rects: &mut own_rects,
-        rects: &mut rects,
-        distances: &mut distances,
-        run: &mut run,
-        tally: &mut tally,
-    };
-    let blocks = wide.blocks(level, range);
-    wide.project(level, (range, &blocks), &mut places);
-    let [octet] = octets;
-    octet
-}
-
 proptest! {
     #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
 
@@ -110,7 +89,7 @@ proptest! {
         // Places in the body, at most 2.5 times as large, are rounded, and so are directions from the eye, which is not nearer than it is wide.
         const ROUNDING: f64 = 200.0 * f32::EPSILON as f64;
         for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
-            let octet = projected(level, &projector, &range);
+            let Wide { octet, .. } = Wide::new(level, &projector, &range);
             for lane in 0..LANES {
                 let (found, expected) = (octet.get(lane), projector.project_splat(first + lane));
                 let whole = whole(&projector, first + lane);

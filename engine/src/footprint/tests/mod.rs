@@ -17,39 +17,58 @@ use setups::{Seen, Setup, camera, cloud, seen, setup};
 /// Splats of a test, and as many more.
 const PLACES: usize = 64;
 
+/// What the wide projection makes of a range: as many records, or an octet of surfels with its rectangles.
+struct Wide {
+    len: usize,
+    records: [Record; PLACES],
+    rects: [Rect; PLACES],
+    distances: [AtomicU32; PLACES],
+    octet: Octet,
+    own_rects: [Rect; LANES],
+}
+
+impl Wide {
+    fn new(level: Level, projector: &Projector, range: &VisibleRange) -> Self {
+        let mut records = [Record::BLANK; PLACES];
+        let mut rects = [Rect::default(); PLACES];
+        let mut distances = [const { AtomicU32::new(0) }; PLACES];
+        let mut octets = [Octet::NONE];
+        let mut own_rects = [[Rect::NONE; LANES]];
+        let (mut run, mut tally) = (Run::new(0), Tally::default());
+        let mut places = Places {
+            records: &mut records,
+            octets: &mut octets,
+            own_rects: &mut own_rects,
+            rects: &mut rects,
+            distances: &mut distances,
+            run: &mut run,
+            tally: &mut tally,
+        };
+        let wide = WideProjector::new(projector);
+        let blocks = wide.blocks(level, range);
+        wide.project(level, (range, &blocks), &mut places);
+        let ([octet], [own_rects]) = (octets, own_rects);
+        Self { len: run.len, records, rects, distances, octet, own_rects }
+    }
+}
+
 /// The splats of a range that the wide projection shows, each at its number.
 fn wide(level: Level, projector: &Projector, range: &VisibleRange) -> Vec<Option<Projected>> {
-    let wide = WideProjector::new(projector);
     let mut before = 0;
     (1..=projector.columns.len)
         .map(|count| {
             // The splats up to this one: if there is one more than without it, it is the last.
-            let mut records = [Record::BLANK; PLACES];
-            let mut rects = [Rect::default(); PLACES];
-            let mut distances = [const { AtomicU32::new(0) }; PLACES];
-            let mut octets = [Octet::NONE];
-            let mut own_rects = [[Rect::NONE; LANES]];
-            let (mut run, mut tally) = (Run::new(0), Tally::default());
-            let mut places = Places {
-                records: &mut records,
-                octets: &mut octets,
-                own_rects: &mut own_rects,
-                rects: &mut rects,
-                distances: &mut distances,
-                run: &mut run,
-                tally: &mut tally,
-            };
             let mut range = range.clone();
             range.splats = 0..count;
-            let blocks = wide.blocks(level, &range);
-            wide.project(level, (&range, &blocks), &mut places);
+            let Wide { len, records, rects, mut distances, octet, own_rects } =
+                Wide::new(level, projector, &range);
             if range.is_surface {
-                let (record, sample) = octets[0].get(count - 1).filter(|_| run.len > 0)?;
-                return Some(Projected { record, rect: own_rects[0][count - 1], distance: 0.0, sample });
+                let (record, sample) = octet.get(count - 1).filter(|_| len > 0)?;
+                return Some(Projected { record, rect: own_rects[count - 1], distance: 0.0, sample });
             }
-            let is_new = run.len > std::mem::replace(&mut before, run.len);
+            let is_new = len > std::mem::replace(&mut before, len);
             is_new.then(|| {
-                let last = run.len - 1;
+                let last = len - 1;
                 let distance = f32::from_bits(*distances[last].get_mut());
                 let sample = SurfaceSample::default();
                 Projected { record: records[last], rect: rects[last], distance, sample }

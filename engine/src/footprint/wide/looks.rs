@@ -3,7 +3,7 @@
 use super::super::scalar::EVENLY_COVERED;
 use super::WideProjector;
 use super::geometry::{Footprints, Placed, lanes};
-use super::sides::Spread;
+use super::orientation::Spread;
 use crate::cloud::OpacityFilter;
 use crate::columns::{self, PackedHarmonics};
 use crate::harmonics::basis;
@@ -67,7 +67,7 @@ impl WideProjector<'_> {
         simd: S,
         block: usize,
         placed: &Placed<S>,
-        (towards, spread): (V3<S>, &Option<Spread<S>>),
+        (towards, spread): (V3<S>, Option<&Spread<S>>),
     ) -> Colors<S> {
         let columns = self.scalar.columns;
         let color = self.base_colors(simd, block, towards);

@@ -7,7 +7,7 @@ mod forms;
 mod geometry;
 mod hidden;
 mod looks;
-mod sides;
+mod orientation;
 mod write;
 
 use super::scalar::Projector;
@@ -151,12 +151,15 @@ impl<'a> WideProjector<'a> {
             );
             let half_axes = self.half_axes(simd, block);
             let spread = self.spread(simd, block, towards);
-            let areas =
-                if range.is_surface { self.areas(simd, &half_axes, &spread) } else { [splat(simd, 0.0); 3] };
+            let areas = if range.is_surface {
+                self.areas(simd, &half_axes, spread.as_ref())
+            } else {
+                [splat(simd, 0.0); 3]
+            };
             if self.scalar.hides_backs && self.all_face_away(simd, &placed, areas) {
                 continue;
             }
-            let colors = self.colors(simd, block, &placed, (towards, &spread));
+            let colors = self.colors(simd, block, &placed, (towards, spread.as_ref()));
             let mut footprints = self.footprints(simd, &placed, half_axes);
             let forms = self.forms(simd, range.is_surface, &placed, &mut footprints);
             let looks = self.looks(simd, block, (&placed, &footprints), (colors, areas));

@@ -23,10 +23,10 @@ impl WideProjector<'_> {
         &self,
         simd: S,
         [a, b, _]: &[V3<S>; 3],
-        spread: &Option<Spread<S>>,
+        spread: Option<&Spread<S>>,
     ) -> V3<S> {
         match spread {
-            Some(Spread { area, .. }) => Self::transform(simd, &self.normal_to_camera, *area).each(
+            Some(spread) => Self::transform(simd, &self.normal_to_camera, spread.area).each(
                 #[inline(always)]
                 |n| n * self.per_area_scale,
             ),
