@@ -13,7 +13,6 @@
 mod list;
 mod sums;
 
-use crate::columns::LANES;
 use crate::cuts::{Cut, Cuts, MAX_LAYERS};
 use crate::footprint::Part;
 use crate::raster::{BATCH, Column, Room, Surfaces, SurfelLens, Surfels};
@@ -275,10 +274,9 @@ impl LayerBuilder<'_> {
             |x| x + HALF_BLOCK,
         );
         let mut nearest = [0.0; BATCH];
-        let depths = (&self.lens, [search.done, search.farthest]);
         // While a pixel has found nothing all may be first: bounds would leave nothing out.
         let between = if search.is_behind || search.farthest < f32::INFINITY {
-            surfels.between(simd, ((middle, HALF_BLOCK), set), depths, &mut nearest)
+            surfels.between(simd, (middle, set), [search.done, search.farthest], &mut nearest)
         } else {
             surfels.all_of(set, &mut nearest)
         };
@@ -327,9 +325,8 @@ impl LayerBuilder<'_> {
                     // What layers took without asking for spans is not taken again.
                     inside &= sample.depth.simd_gt(previous + surfel.least_reach);
                     if inside.any_true() {
-                        let slant = surfels.slant(number);
-                        let spans = surfel.spans(simd, &sample, (here.pixels, slant), &self.lens);
-                        inside &= spans.nearest.simd_gt(previous);
+                        let nearest = surfels.slant(number).nearest(simd, here.pixels, (&sample, &self.lens));
+                        inside &= nearest.simd_gt(previous);
                     }
                     if !inside.any_true() {
                         // Nor is it of use to a later layer, which is farther.
@@ -371,13 +368,11 @@ impl LayerBuilder<'_> {
             let own = firsts.simd_eq(u32x16::simd_from(simd, place));
             open &= !own.to_bitmask();
             let (surfels, number) = listed[place as usize].of(batches);
-            let (surfel, index) = (surfels.get(number), surfels.index(number));
-            let sample = surfel.sample(simd, here.pixels, &self.lens);
-            let spans = surfel.spans(simd, &sample, (here.pixels, surfels.slant(number)), &self.lens);
-            let cloud = self.surfaces.octets[index as usize / LANES].cloud;
+            let (slant, cloud) = (surfels.slant(number), surfels.get(number).cloud());
+            let farthest = slant.farthest(simd, here.pixels, (peel.depth, &self.lens));
             let tolerance = self.surfaces.clouds[cloud as usize].depth_tolerance;
-            peel.limit = own.select(spans.farthest + tolerance, peel.limit);
-            peel.record = own.select(u32x16::simd_from(simd, index), peel.record);
+            peel.limit = own.select(farthest + tolerance, peel.limit);
+            peel.record = own.select(u32x16::simd_from(simd, slant.index), peel.record);
             peel.cloud = own.select(u32x16::simd_from(simd, cloud), peel.cloud);
         }
         if !peel.takes_all {
@@ -414,8 +409,8 @@ impl LayerBuilder<'_> {
             if (is_seen & !is_own).any_true() {
                 evaluated += 1;
                 let sample = surfel.sample(simd, here.pixels, &self.lens);
-                let spans = surfel.spans(simd, &sample, (here.pixels, surfels.slant(number)), &self.lens);
-                let own = is_own | spans.nearest.simd_le(peel.limit);
+                let nearest = surfels.slant(number).nearest(simd, here.pixels, (&sample, &self.lens));
+                let own = is_own | nearest.simd_le(peel.limit);
                 has_others = (is_seen & !own).any_true();
                 weight = own.select(weight, zero);
             }

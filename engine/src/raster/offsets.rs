@@ -44,8 +44,6 @@ pub(crate) struct Exact<S: Simd> {
     /// z of the densest point.
     pub(crate) depth: W<S>,
     pub(crate) den: W<S>,
-    /// Its inverse.
-    pub(crate) per_den: W<S>,
 }
 
 /// What the exact form makes of a record's depth, its slope and σ₀.
@@ -82,14 +80,18 @@ impl<S: Simd> Exact<S> {
     #[inline(always)]
     pub(crate) fn new(simd: S, offsets: &Offsets<S>, plane: &Plane) -> Self {
         let [rise, den] = plane.rise_and_den(simd, offsets);
-        // In the camera plane there is no depth, but a number.
-        let den = den.max(W::simd_from(simd, 1e-30)).min(W::simd_from(simd, 1e30));
+        let den = divisible(simd, den);
         let per_den = reciprocal(simd, den);
         Self {
             exponent: offsets.exponent * per_den,
             depth: (W::simd_from(simd, plane.depth) - rise) * per_den,
             den,
-            per_den,
         }
     }
+}
+
+/// den as something that can be divided by: in the camera plane there is no depth, but a number.
+#[inline(always)]
+pub(crate) fn divisible<S: Simd>(simd: S, den: W<S>) -> W<S> {
+    den.max(W::simd_from(simd, 1e-30)).min(W::simd_from(simd, 1e30))
 }

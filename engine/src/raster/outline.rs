@@ -203,6 +203,36 @@ impl Outlines {
         Offsets::new(simd, pixels, ([x[number], y[number]], [a[number], b[number], c[number]]))
     }
 
+    /// The ellipses of sixteen records, and those that have none since perspective makes none of theirs.
+    #[inline(always)]
+    fn ellipses<S: Simd>(&self, simd: S, first: usize) -> (Ellipses<S>, mask32x16<S>) {
+        let mut ellipses = Ellipses {
+            mean: sixteen_of(simd, &self.mean, first),
+            root: sixteen_of(simd, &self.root, first),
+            end: sixteen(simd, &self.end, first),
+        };
+        let mut open = mask32x16::splat(simd, false);
+        if self.exact >> first & 0xffff != 0 {
+            let exact = mask32x16::from_bitmask(simd, self.exact >> first);
+            open = ellipses.make_exact(simd, exact, self, first);
+        }
+        (ellipses, open)
+    }
+
+    /// How far from their means sixteen records reach along rows and along columns; ∞ where they have no ellipse.
+    #[inline(always)]
+    pub(crate) fn reaches<S: Simd>(&self, simd: S, first: usize) -> [W<S>; 2] {
+        let (ellipses, open) = self.ellipses(simd, first);
+        let own = ellipses.half_sides(simd);
+        [0, 1].each(
+            #[inline(always)]
+            |axis| {
+                let shift = ellipses.mean[axis] - sixteen(simd, &self.mean[axis], first);
+                open.select(W::simd_from(simd, f32::INFINITY), own[axis] + shift.abs())
+            },
+        )
+    }
+
     /// The blocks that each record of a set needs: those that its ellipse meets, and where perspective makes none of it, those of
     /// its rectangle.
     #[inline(always)]
@@ -219,15 +249,8 @@ impl Outlines {
             return masks;
         }
         for first in self.sixteens() {
-            let mut ellipses = Ellipses {
-                mean: sixteen_of(simd, &self.mean, first),
-                root: sixteen_of(simd, &self.root, first),
-                end: sixteen(simd, &self.end, first),
-            };
-            if self.exact >> first & 0xffff != 0 {
-                let exact = mask32x16::from_bitmask(simd, self.exact >> first);
-                open |= ellipses.make_exact(simd, exact, self, first).to_bitmask() << first;
-            }
+            let (ellipses, of_sixteen) = self.ellipses(simd, first);
+            open |= of_sixteen.to_bitmask() << first;
             let kept = mask32x16::from_bitmask(simd, kept >> first);
             ellipses.meet(simd, tile, (first, kept), &mut masks);
         }
@@ -297,6 +320,15 @@ impl<S: Simd> Ellipses<S> {
         exact & !is_ellipse
     }
 
+    /// Those of the boxes around them.
+    #[inline(always)]
+    fn half_sides(&self, simd: S) -> [W<S>; 2] {
+        let [a, b, c] = self.root;
+        // √V_xx is √(b² + c²)/(ac), √V_yy 1/c.
+        let per_ac = self.end.sqrt() * (W::simd_from(simd, 1.0) / (a * c));
+        [b.mul_add(b, c * c).sqrt() * per_ac, a * per_ac]
+    }
+
     /// Adds records to the masks of the blocks that their ellipses meet: in a column of blocks those between the
     /// ellipse's outermost pixels there. Looks no further than those that are kept reach.
     #[inline(always)]
@@ -309,14 +341,15 @@ impl<S: Simd> Ellipses<S> {
         let s = b.mul_add(b, c * c);
         let inverse_s = W::simd_from(simd, 1.0) / s;
         let inverse_ac = W::simd_from(simd, 1.0) / (a * c);
-        let root = end.sqrt();
         // Rounding moves a pixel by less than a hundredth.
-        let reach = root * s.sqrt() * inverse_ac + 0.01;
-        let lowest = -b * inverse_ac * root;
+        let [reach, half] = self.half_sides(simd).each(
+            #[inline(always)]
+            |half| half + 0.01,
+        );
+        let lowest = -b * inverse_ac * end.sqrt();
         let m = -a * b * inverse_s;
         let per_u = -(a * c) * (a * c) * inverse_s;
         let columns = blocks_around(simd, tile, kept, [x - reach, x + reach]);
-        let half = root / c + 0.01;
         let rows = blocks_around(simd, tile, kept, [y - half, y + half]);
         for column in columns {
             let left = W::simd_from(simd, (column * BLOCK_SIDE) as f32) - x;
@@ -385,6 +418,18 @@ impl<S: Simd> Place<S> {
 pub(crate) fn eight<S: Simd>(simd: S, column: &Column, first: usize) -> V<S> {
     let first = first % BATCH;
     V::from_slice(simd, &column[first..first + LANES])
+}
+
+/// As [`eight`], of some columns.
+#[inline(always)]
+pub(crate) fn eight_of<S: Simd, const N: usize>(simd: S, columns: &[Column; N], first: usize) -> [V<S>; N]
+where
+    for<'a> [&'a Column; N]: Each<&'a Column, N>,
+{
+    columns.each_ref().each(
+        #[inline(always)]
+        |column| eight(simd, column, first),
+    )
 }
 
 /// The numbers of sixteen records.

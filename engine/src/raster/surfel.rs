@@ -3,12 +3,13 @@
 mod batch;
 mod sides;
 
-use super::offsets::{Exact, HALF_LOG2_E, Offsets, Plane};
+use super::offsets::{HALF_LOG2_E, divisible};
 use crate::camera::Projection;
 use crate::cloud::Cloud;
 use crate::columns::{Kind, LANES};
 use crate::footprint::{Lens, Octet, Rect};
 use crate::simd::*;
+use bytemuck::{Pod, Zeroable};
 
 pub(crate) use batch::{Look, Surfels};
 pub(crate) use sides::Room;
@@ -107,19 +108,25 @@ impl CloudSurface {
 }
 
 /// A surfel as the pixels of a tile see it: what each of its samples needs, in one line of the cache.
-#[derive(Clone, Copy)]
+///
+/// All that is linear in a pixel's place is kept as a value at the centre of the tile's first pixel and the changes along a row and a column.
+#[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C, align(64))]
 pub(crate) struct Surfel {
-    /// From the centre of the tile's first pixel.
-    mean: [f32; 2],
-    /// √k M.
-    root: [f32; 3],
-    plane: Plane,
+    /// The first number of √k Mu, and the second, which doesn't change along rows.
+    along: [f32; 3],
+    across: [f32; 2],
+    /// z of the densest point; t in the exact form.
+    line: [f32; 3],
+    /// d_z and (κσ₀)²/k in the exact form.
+    center_depth: f32,
+    spread: f32,
     /// n·v over the coverage floor; negative where the front is seen.
     facing: f32,
     pub(crate) normal: [f32; 3],
     /// Wherever it is seen in the tile its span begins at least so far before.
     pub(crate) least_reach: f32,
+    /// Those below, and the number of its cloud from [`CLOUD`] on.
     flags: u32,
 }
 
@@ -132,16 +139,22 @@ const IS_PLAIN: u32 = 2;
 /// It is in the exact form.
 const IS_EXACT: u32 = 4;
 
-const _: () = assert!(size_of::<Surfel>() == 64);
+/// The first bit of its cloud's number.
+const CLOUD: u32 = 8;
 
 /// How a surfel lies, which only spans ask for.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C, align(32))]
 pub(crate) struct Slant {
-    /// The change of n·v a pixel over n·v at the mean; 0 where the surfel is seen edge-on.
-    tilt: [f32; 2],
+    /// n·v over that at the mean, which is linear in a pixel's place; where rays are parallel z of the plane.
+    plane: [f32; 3],
+    center_depth: f32,
     sigma_z: f32,
-    /// How small it is beside the filter, from 0 to 1: the fourth power of that one's share of its footprint.
-    smallness: f32,
+    /// How far the plane is followed, and how much thicker layers are that begin with it.
+    farthest_offset: f32,
+    thickness: f32,
+    /// Its number among all.
+    pub(crate) index: u32,
 }
 
 /// A surface at pixels, seen by one splat.
@@ -156,45 +169,25 @@ pub(crate) struct Sample<S: Simd> {
     per_den: Option<W<S>>,
 }
 
-/// The depths of samples, from where they are seen to where the surfel's plane passes the pixel.
-pub(crate) struct Spans<S: Simd> {
-    /// The near end, and 3σ_z before it.
-    pub(crate) nearest: W<S>,
-    /// The far end; and a σ of the filter behind it, of surfels much smaller than that.
-    pub(crate) farthest: W<S>,
+/// A function that is linear in a pixel's place.
+#[inline(always)]
+fn linear<S: Simd>(simd: S, [x, y]: [W<S>; 2], [at_first, along, down]: &[f32; 3]) -> W<S> {
+    let down = y.mul_add(W::simd_from(simd, *down), W::simd_from(simd, *at_first));
+    x.mul_add(W::simd_from(simd, *along), down)
 }
 
 impl Surfel {
     const NONE: Self = Self {
-        mean: [0.0; 2],
-        root: [1.0; 3],
-        plane: Plane { depth: 1.0, slope: [0.0; 2], per_depth: 0.0, spread: 0.0 },
+        along: [0.0; 3],
+        across: [0.0; 2],
+        line: [1.0, 0.0, 0.0],
+        center_depth: 1.0,
+        spread: 0.0,
         facing: 0.0,
         normal: [0.0; 3],
         least_reach: 0.0,
         flags: IS_PLAIN,
     };
-
-    /// Its numbers in their order.
-    #[inline(always)]
-    fn set(&mut self, [place, depth, look, rest]: [&[f32; 4]; 4]) {
-        self.mean[0] = place[0];
-        self.mean[1] = place[1];
-        self.root[0] = place[2];
-        self.root[1] = place[3];
-        self.root[2] = depth[0];
-        self.plane.depth = depth[1];
-        self.plane.slope[0] = depth[2];
-        self.plane.slope[1] = depth[3];
-        self.plane.per_depth = look[0];
-        self.plane.spread = look[1];
-        self.facing = look[2];
-        self.normal[0] = look[3];
-        self.normal[1] = rest[0];
-        self.normal[2] = rest[1];
-        self.least_reach = rest[2];
-        self.flags = rest[3].to_bits();
-    }
 
     #[inline(always)]
     pub(crate) fn faces_away(&self) -> bool {
@@ -211,51 +204,30 @@ impl Surfel {
         self.flags & IS_EXACT != 0
     }
 
+    /// Its cloud's number.
     #[inline(always)]
-    fn offsets<S: Simd>(&self, simd: S, pixels: [W<S>; 2]) -> Offsets<S> {
-        Offsets::new(simd, pixels, (self.mean, self.root))
+    pub(crate) fn cloud(&self) -> u32 {
+        self.flags >> CLOUD
     }
 
     /// What pixels see of it.
     #[inline(always)]
     pub(crate) fn sample<S: Simd>(&self, simd: S, pixels: [W<S>; 2], lens: &SurfelLens) -> Sample<S> {
-        let offsets = self.offsets(simd, pixels);
+        let along = linear(simd, pixels, &self.along);
+        let [at_first, down] = self.across;
+        let across = pixels[1].mul_add(W::simd_from(simd, down), W::simd_from(simd, at_first));
+        let exponent = (-along).mul_sub(along, across * across);
+        let line = linear(simd, pixels, &self.line);
         let (exponent, depth, per_den) = if self.is_exact() {
-            let Exact { exponent, depth, per_den, .. } = Exact::new(simd, &offsets, &self.plane);
-            (exponent, depth, Some(per_den))
+            // As in [`Exact`], with d_z − rise = d_z t.
+            let den = (-exponent).mul_add(W::simd_from(simd, self.spread), line * line);
+            let per_den = reciprocal(simd, divisible(simd, den));
+            (exponent * per_den, line * self.center_depth * per_den, Some(per_den))
         } else {
-            (offsets.exponent, offsets.linear(simd, self.plane.depth, self.plane.slope), None)
+            (exponent, line, None)
         };
         let (end, near) = (W::simd_from(simd, lens.end()), W::simd_from(simd, lens.near));
         Sample { inside: exponent.simd_ge(end) & depth.simd_gt(near), depth, exponent, per_den }
-    }
-
-    /// Where the plane is. For a surfel that fills the pixel's filter it is where the sample is; a smaller one the
-    /// filter sees where it is, and its plane somewhere else.
-    #[inline(always)]
-    pub(crate) fn spans<S: Simd>(
-        &self,
-        simd: S,
-        sample: &Sample<S>,
-        (pixels, slant): ([W<S>; 2], Slant),
-        lens: &SurfelLens,
-    ) -> Spans<S> {
-        let depth = W::simd_from(simd, self.plane.depth);
-        let zeta = lens.zeta(simd, depth);
-        let smallness = W::simd_from(simd, slant.smallness);
-        let limit = lens.farthest_offset(simd, smallness, zeta);
-        let zero = W::simd_from(simd, 0.0);
-        // n·v at the pixel less that at the mean, over that at the pixel; over that at the mean where rays are parallel.
-        let change = self.offsets(simd, pixels).linear(simd, 0.0, slant.tilt);
-        let change = if lens.is_perspective { change * reciprocal(simd, change + 1.0) } else { change };
-        let offset = change.mul_add(-zeta, depth - sample.depth).max(-limit).min(limit);
-        let reach = W::simd_from(simd, -(SURFEL_REACH as f32) * slant.sigma_z);
-        let begin = match sample.per_den {
-            Some(per_den) => per_den.sqrt().mul_add(reach, sample.depth),
-            None => sample.depth + reach,
-        };
-        let end = (zeta.abs() * lens.thickness).mul_add(smallness, sample.depth);
-        Spans { nearest: begin + offset.min(zero), farthest: end + offset.max(zero) }
     }
 
     /// Coverage over the cloud's floor; of meaning where a pixel is inside.
@@ -264,10 +236,61 @@ impl Surfel {
         // n·v where it is seen: of all places x on a plane n·x is the same.
         let peak = match sample.per_den {
             Some(per_den) => {
-                reciprocal(simd, sample.depth) * per_den.sqrt() * (self.facing * self.plane.depth).abs()
+                reciprocal(simd, sample.depth) * per_den.sqrt() * (self.facing * self.center_depth).abs()
             }
             None => W::simd_from(simd, self.facing.abs()),
         };
         exp2_roughly(simd, sample.exponent) * peak
+    }
+}
+
+impl Slant {
+    const NONE: Self = Self {
+        plane: [1.0, 0.0, 0.0],
+        center_depth: 1.0,
+        sigma_z: 0.0,
+        farthest_offset: 0.0,
+        thickness: 0.0,
+        index: 0,
+    };
+
+    /// Where the span of a sample ends, seen at a depth. For a surfel that fills the pixel's filter the plane is where the sample is; a smaller one the
+    /// filter sees where it is, and its plane somewhere else.
+    #[inline(always)]
+    pub(crate) fn farthest<S: Simd>(
+        &self,
+        simd: S,
+        pixels: [W<S>; 2],
+        (depth, lens): (W<S>, &SurfelLens),
+    ) -> W<S> {
+        let offset = self.offset(simd, pixels, (depth, lens));
+        depth + self.thickness + offset.max(W::simd_from(simd, 0.0))
+    }
+
+    /// Where it begins.
+    #[inline(always)]
+    pub(crate) fn nearest<S: Simd>(
+        &self,
+        simd: S,
+        pixels: [W<S>; 2],
+        (sample, lens): (&Sample<S>, &SurfelLens),
+    ) -> W<S> {
+        let offset = self.offset(simd, pixels, (sample.depth, lens)).min(W::simd_from(simd, 0.0));
+        let reach = W::simd_from(simd, -(SURFEL_REACH as f32) * self.sigma_z);
+        let begin = match sample.per_den {
+            Some(per_den) => per_den.sqrt().mul_add(reach, sample.depth),
+            None => sample.depth + reach,
+        };
+        begin + offset
+    }
+
+    /// How far behind a sample the plane passes the pixel, as far as it is followed.
+    #[inline(always)]
+    fn offset<S: Simd>(&self, simd: S, pixels: [W<S>; 2], (depth, lens): (W<S>, &SurfelLens)) -> W<S> {
+        let plane = linear(simd, pixels, &self.plane);
+        // Of all places x on a plane n·x is the same.
+        let plane = if lens.is_perspective { reciprocal(simd, plane) * self.center_depth } else { plane };
+        let limit = W::simd_from(simd, self.farthest_offset);
+        (plane - depth).max(-limit).min(limit)
     }
 }

@@ -1,13 +1,13 @@
 //! Surfels of a tile, many at once: which blocks meet them, and between what depths their samples lie.
 
-use super::sides::Room;
+use super::sides::{Room, Sides};
 use super::{SURFEL_REACH, Slant, Surfaces, Surfel, SurfelLens};
 use crate::columns::LANES;
 use crate::footprint::Part;
 use crate::raster::offsets::HALF_LOG2_E;
-use crate::raster::outline::{BATCH, BlockMasks, Column, Place, sixteen, sixteen_of};
+use crate::raster::outline::{BATCH, BlockMasks, Column, Outlines, Place, sixteen, sixteen_of};
 use crate::simd::*;
-use crate::tile::Tile;
+use crate::tile::{HALF_BLOCK, Tile};
 use std::sync::atomic::AtomicU32;
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -16,25 +16,21 @@ use std::sync::atomic::Ordering::Relaxed;
 /// A tile has many of these, and writes all of them before it reads any: what isn't here needn't go through the cache.
 #[repr(C, align(64))]
 pub(crate) struct Surfels {
-    mean: [Column; 2],
-    depth: Column,
-    depth_slope: [Column; 2],
-    sigma_z: Column,
-    tilt: [Column; 2],
-    /// As in a [`Slant`].
-    smallness: Column,
-    /// In the exact form 1/d_z, and how much of d_z is left where den is largest.
-    per_depth: Column,
+    /// As in a [`Surfel`].
+    line: [Column; 3],
+    /// How much that changes from a block's middle to its farthest pixel; and how far before where it is seen a span begins at most.
+    ranges: [Column; 2],
+    /// In the exact form d_z, and how much of it is left where den is largest.
+    center_depth: Column,
     least_depth: Column,
     /// Of each sixteen, where the first span in the tile begins, at least.
     nearest: [f32; BATCH / 16],
     /// Those in the exact form.
     exact: u64,
     each: [Surfel; BATCH],
+    slants: [Slant; BATCH],
     /// Of those that aren't plain.
     looks: [Look; BATCH],
-    /// Their numbers among all.
-    indices: [u32; BATCH],
     /// Those that each block needs.
     pub(crate) masks: BlockMasks,
 }
@@ -62,19 +58,15 @@ pub(crate) struct Between {
 
 impl Surfels {
     pub(crate) const NONE: Self = Self {
-        mean: [[0.0; BATCH]; 2],
-        depth: [1.0; BATCH],
-        depth_slope: [[0.0; BATCH]; 2],
-        sigma_z: [0.0; BATCH],
-        tilt: [[0.0; BATCH]; 2],
-        smallness: [0.0; BATCH],
-        per_depth: [1.0; BATCH],
+        line: [[1.0; BATCH]; 3],
+        ranges: [[0.0; BATCH]; 2],
+        center_depth: [1.0; BATCH],
         least_depth: [1.0; BATCH],
         nearest: [f32::NEG_INFINITY; BATCH / 16],
         exact: 0,
         each: [Surfel::NONE; BATCH],
+        slants: [Slant::NONE; BATCH],
         looks: [Look { tint: [0.0; 3], clear: 0.0, even: 1.0 }; BATCH],
-        indices: [0; BATCH],
         masks: BlockMasks::NONE,
     };
 
@@ -109,72 +101,114 @@ impl Surfels {
             outlines.put(simd, place, octet);
             let floor = surfaces.clouds[octet.cloud as usize].coverage_floor;
             sides.put(simd, place, (part.place(), octet, floor), usual);
-            for (tilt, slope) in self.tilt.iter_mut().zip(&octet.amplitude_slope) {
-                place.put(simd, tilt, slope);
-            }
             count += one.map_or(some.to_bitmask().count_ones() as usize, |_| 1);
         }
         outlines.begin_with(count, sides.exact(count));
         outlines.end = [lens.cutoff * HALF_LOG2_E; BATCH];
         outlines.prepare(simd, tile);
-        (self.mean, self.depth, self.depth_slope) = (outlines.mean, outlines.depth, outlines.depth_slope);
-        (self.sigma_z, self.exact) = (outlines.sigma_z, outlines.exact);
-        self.indices = sides.numbers();
-        let half = (tile.side - 1) as f32 / 2.0;
-        let (zero, infinity) = (W::simd_from(simd, 0.0), W::simd_from(simd, f32::INFINITY));
+        self.exact = outlines.exact;
         for first in outlines.sixteens() {
-            let per_facing = W::simd_from(simd, 1.0) / sixteen(simd, &sides.facing, first);
-            let per_facing = per_facing.abs().simd_lt(infinity).select(per_facing, zero);
-            for column in &mut self.tilt {
-                let tilt = sixteen(simd, column, first) * per_facing;
-                tilt.store_slice(&mut column[first..first + 16]);
-            }
-            let [a, c] = [0, 2].map(|i| sixteen(simd, &outlines.root[i], first));
-            let of_filter = lens.of_filter(simd, a, c);
-            let squared = of_filter * of_filter;
-            (squared * squared).store_slice(&mut self.smallness[first..first + 16]);
-            sides.even_out(simd, first, of_filter);
-            let reach = self.least_reach(simd, first, half, lens);
-            reach.store_slice(&mut sides.least_reach[first..first + 16]);
-            let [begin, _] = self.bounds(simd, first, ([half; 2], half), lens);
-            let used = mask32x16::from_bitmask(simd, outlines.all() >> first);
-            self.nearest[first / 16] = used.select(begin, infinity).reduce_min();
+            self.make(simd, lens, first, (outlines, sides));
         }
         let rect = |number: usize| {
-            let index = self.indices[number] as usize;
+            let index = sides.number(number) as usize;
             &surfaces.own_rects[index / LANES][index % LANES]
         };
         self.masks = outlines.blocks(simd, tile, u64::MAX, rect);
         for first in (0..count).step_by(LANES) {
-            sides.set(simd, (first, outlines), &mut self.each, &mut self.looks);
+            let made = (&mut self.each, &mut self.slants, &mut self.looks);
+            sides.set(simd, (first, outlines, &self.line), made);
         }
         taken
     }
 
-    /// How far before where they are seen in the tile the spans of sixteen surfels begin at least, less half a thousandth, which is more
-    /// than roundings.
+    /// Finds what follows from sixteen surfels' numbers.
     #[inline(always)]
-    fn least_reach<S: Simd>(&mut self, simd: S, first: usize, half: f32, lens: &SurfelLens) -> W<S> {
-        let sigma_z = sixteen(simd, &self.sigma_z, first);
-        let reach = sigma_z * (0.9995 * SURFEL_REACH as f32);
-        if self.exact >> first & 0xffff == 0 {
-            return reach;
-        }
+    fn make<S: Simd>(
+        &mut self,
+        simd: S,
+        lens: &SurfelLens,
+        first: usize,
+        (outlines, sides): (&Outlines, &mut Sides),
+    ) {
         let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
-        let depth = sixteen(simd, &self.depth, first);
-        let per_depth = one / depth;
-        // z is d/t but for den, which is at most t²/(1 − (σ₀/d)²ρ) inside the cut-off.
-        let spread = sigma_z * per_depth;
-        let share = (one - spread * spread * lens.cutoff).max(zero);
-        per_depth.store_slice(&mut self.per_depth[first..first + 16]);
-        (depth * share).store_slice(&mut self.least_depth[first..first + 16]);
-        let [low, high] = self.rise(simd, first, ([half; 2], half));
-        let most = (one - low * per_depth).abs().max((one - high * per_depth).abs());
-        // 1/√den at least.
-        let of_exact = reach * share.sqrt() / most;
-        let is_bound = of_exact.simd_lt(W::simd_from(simd, f32::INFINITY));
-        let exact = mask32x16::from_bitmask(simd, self.exact >> first);
-        exact.select(is_bound.select(of_exact, zero), reach)
+        let infinity = W::simd_from(simd, f32::INFINITY);
+        let mean = sixteen_of(simd, &outlines.mean, first);
+        let [a, b, c] = sixteen_of(simd, &outlines.root, first);
+        let depth = sixteen(simd, &outlines.depth, first);
+        let slope = sixteen_of(simd, &outlines.depth_slope, first);
+        // The change of n·v a pixel over n·v at the mean; 0 where the surfel is seen edge-on.
+        let per_facing = one / sixteen(simd, &sides.facing, first);
+        let per_facing = per_facing.abs().simd_lt(infinity).select(per_facing, zero);
+        let tilt = sixteen_of(simd, &sides.tilt, first).each(
+            #[inline(always)]
+            |tilt| tilt * per_facing,
+        );
+        let of_filter = lens.of_filter(simd, a, c);
+        sides.even_out(simd, first, of_filter);
+        // How small it is beside the filter, from 0 to 1.
+        let smallness = (of_filter * of_filter) * (of_filter * of_filter);
+        let zeta = lens.zeta(simd, depth);
+        let farthest_offset = lens.farthest_offset(simd, smallness, zeta);
+        let plane = if lens.is_perspective {
+            linear(mean, one, tilt)
+        } else {
+            linear(mean, depth, [-tilt[0], -tilt[1]])
+        };
+
+        // How far the plane may be before where the surfel is seen: of both the slopes are known, and all is in the box around its outline.
+        let half_sides = outlines.reaches(simd, first);
+        let (tilted, rise) = (change(half_sides, tilt), change(half_sides, slope));
+        let parted = [zeta.mul_add(tilt[0], slope[0]), zeta.mul_add(tilt[1], slope[1])];
+        let mut offset = change(half_sides, parted);
+        let mut reach = sixteen(simd, &outlines.sigma_z, first) * SURFEL_REACH as f32;
+        let (mut line, mut nearest) = (linear(mean, depth, slope), depth - rise);
+        let mut least_reach = reach;
+        let exact = mask32x16::from_bitmask(simd, outlines.exact >> first);
+        if exact.any_true() {
+            let per_depth = sixteen(simd, &outlines.per_depth, first);
+            // z is d/t but for den, which is at most t²/(1 − (σ₀/d)²ρ) inside the cut-off.
+            let spread = sixteen(simd, &outlines.sigma_z, first) * per_depth;
+            let share = (one - spread * spread * lens.cutoff).max(zero);
+            let t = linear(mean, one, [-(slope[0] * per_depth), -(slope[1] * per_depth)]);
+            let [least_t, most_t] = [one - rise * per_depth.abs(), one + rise * per_depth.abs()];
+            let is_bound = depth.simd_gt(zero) & least_t.simd_gt(W::simd_from(simd, LEAST_DIVISOR));
+            let of_exact =
+                [depth * share / most_t, offset / least_t, reach / least_t, reach * share.sqrt() / most_t];
+            let [own_nearest, own_offset, own_reach, own_least_reach] = of_exact;
+            for (line, t) in line.iter_mut().zip(t) {
+                *line = exact.select(t, *line);
+            }
+            nearest = exact.select(is_bound.select(own_nearest, -infinity), nearest);
+            offset = exact.select(is_bound.select(own_offset, infinity), offset);
+            reach = exact.select(is_bound.select(own_reach, infinity), reach);
+            least_reach = exact.select(is_bound.select(own_least_reach, zero), least_reach);
+            depth.store_slice(&mut self.center_depth[first..first + 16]);
+            (depth * share).store_slice(&mut self.least_depth[first..first + 16]);
+        }
+        if lens.is_perspective {
+            // d/(1 + c) is at least d − dc, and of the exact form's d/t as much nearer as 1 + c is less than 1.
+            let least = one - tilted;
+            let is_bound = least.simd_gt(W::simd_from(simd, LEAST_DIVISOR)) & depth.simd_gt(zero);
+            offset = is_bound.select(exact.select(offset / least, offset), infinity);
+        }
+        let offset = offset.simd_lt(farthest_offset).select(offset, farthest_offset);
+        // Roundings are less than a thousandth.
+        let before = (offset + reach) * 1.001;
+        let nearest = nearest - before;
+        let nearest = nearest.simd_gt(-infinity).select(nearest, -infinity);
+        let used = mask32x16::from_bitmask(simd, outlines.all() >> first);
+        self.nearest[first / 16] = used.select(nearest, infinity).reduce_min();
+
+        store(&mut self.line, first, line);
+        let half_block = W::simd_from(simd, HALF_BLOCK);
+        store(&mut self.ranges, first, [change([half_block; 2], [line[1], line[2]]), before]);
+        store(&mut sides.along, first, [-a.mul_add(mean[0], b * mean[1]), a, b]);
+        store(&mut sides.across, first, [-(c * mean[1]), c]);
+        store(&mut sides.plane, first, plane);
+        let thickness = zeta.abs() * smallness * lens.thickness;
+        // Half a thousandth is more than roundings.
+        store(&mut sides.reaches, first, [least_reach * 0.9995, farthest_offset, thickness]);
     }
 
     /// Those of a set in the exact form, and the others.
@@ -194,35 +228,27 @@ impl Surfels {
         &self.looks[number % BATCH]
     }
 
-    /// Its number among all.
     #[inline(always)]
-    pub(crate) fn index(&self, number: usize) -> u32 {
-        self.indices[number % BATCH]
-    }
-
-    #[inline(always)]
-    pub(crate) fn slant(&self, number: usize) -> Slant {
-        let number = number % BATCH;
-        let tilt = [self.tilt[0][number], self.tilt[1][number]];
-        Slant { tilt, sigma_z: self.sigma_z[number], smallness: self.smallness[number] }
+    pub(crate) fn slant(&self, number: usize) -> &Slant {
+        &self.slants[number % BATCH]
     }
 
     /// Those of a set that are in sixteens whose spans may begin before a depth; says how near the others come.
     #[inline(always)]
-    pub(crate) fn begin_before(&self, mut set: u64, depth: f32, nearest_of_others: &mut f32) -> u64 {
-        if depth == f32::INFINITY {
-            return set;
-        }
+    pub(crate) fn begin_before(&self, set: u64, depth: f32, nearest_of_others: &mut f32) -> u64 {
+        let mut others = 0;
         for (sixteen, nearest) in self.nearest.iter().enumerate() {
-            let own = 0xffff << (16 * sixteen);
-            if *nearest > depth && set & own != 0 {
-                if *nearest < *nearest_of_others {
-                    *nearest_of_others = *nearest;
-                }
-                set &= !own;
+            others |= if *nearest > depth { 0xffff << (16 * sixteen) } else { 0 };
+        }
+        let others = others & set;
+        if others != 0 {
+            for (sixteen, nearest) in self.nearest.iter().enumerate() {
+                let is_one = others >> (16 * sixteen) & 0xffff != 0;
+                *nearest_of_others =
+                    if is_one { nearest_of_others.min(*nearest) } else { *nearest_of_others };
             }
         }
-        set
+        set & !others
     }
 
     /// All of a set; puts down before what depth no span of theirs begins in the tile.
@@ -234,19 +260,19 @@ impl Surfels {
         Between { ahead: 0, within: set, next: f32::INFINITY }
     }
 
-    /// Which of a set may have samples between two depths in the square of pixels around a middle. Puts down before what
-    /// depth no span of theirs begins.
+    /// Which of a set may have samples between two depths in the block around a middle. Puts down before what depth no span
+    /// of theirs begins.
     #[inline(always)]
     pub(crate) fn between<S: Simd>(
         &self,
         simd: S,
-        (square, set): (([f32; 2], f32), u64),
-        (lens, [done, farthest]): (&SurfelLens, [f32; 2]),
+        (middle, set): ([f32; 2], u64),
+        [done, farthest]: [f32; 2],
         nearest: &mut Column,
     ) -> Between {
         let mut between = Between { ahead: 0, within: 0, next: f32::INFINITY };
         for first in (0..BATCH).step_by(16).filter(|first| set >> first & 0xffff != 0) {
-            let [begin, end] = self.bounds(simd, first, square, lens);
+            let [begin, end] = self.bounds(simd, first, middle);
             begin.store_slice(&mut nearest[first..first + 16]);
             let own = mask32x16::from_bitmask(simd, set >> first);
             let ahead = own & end.simd_le(W::simd_from(simd, done));
@@ -261,58 +287,26 @@ impl Surfels {
         between
     }
 
-    /// Where a pixel is from the means of sixteen records.
+    /// For sixteen surfels, in the block around a middle: before what depth no span of a sample begins, and behind what depth none is
+    /// seen.
     #[inline(always)]
-    fn offsets_of<S: Simd>(&self, simd: S, first: usize, [x, y]: [f32; 2]) -> [W<S>; 2] {
-        let mean = sixteen_of(simd, &self.mean, first);
-        [W::simd_from(simd, x) - mean[0], W::simd_from(simd, y) - mean[1]]
-    }
-
-    /// How much deeper than at their means sixteen records are in the affine form, in the square of pixels around a middle.
-    #[inline(always)]
-    fn rise<S: Simd>(&self, simd: S, first: usize, (middle, half): ([f32; 2], f32)) -> [W<S>; 2] {
-        let slope = sixteen_of(simd, &self.depth_slope, first);
-        range(slope, self.offsets_of(simd, first, middle), half)
-    }
-
-    /// For sixteen records, in the square of pixels around a middle: before what depth no span of a sample begins, and behind
-    /// what depth none does.
-    #[inline(always)]
-    fn bounds<S: Simd>(
-        &self,
-        simd: S,
-        first: usize,
-        (middle, half): ([f32; 2], f32),
-        lens: &SurfelLens,
-    ) -> [W<S>; 2] {
+    fn bounds<S: Simd>(&self, simd: S, first: usize, [x, y]: [f32; 2]) -> [W<S>; 2] {
         let infinity = W::simd_from(simd, f32::INFINITY);
-        let one = W::simd_from(simd, 1.0);
-        let (depth, sigma_z) = (sixteen(simd, &self.depth, first), sixteen(simd, &self.sigma_z, first));
-        let rise = self.rise(simd, first, (middle, half));
-        let mut seen = [depth + rise[0], depth + rise[1]];
-        let mut reach = sigma_z * SURFEL_REACH as f32;
-        let exact = mask32x16::from_bitmask(simd, self.exact >> first);
-        if exact.any_true() {
-            let per_depth = sixteen(simd, &self.per_depth, first);
+        let [at_first, along, down] = sixteen_of(simd, &self.line, first);
+        let [most, before] = sixteen_of(simd, &self.ranges, first);
+        let middle = along.mul_add(W::simd_from(simd, x), down.mul_add(W::simd_from(simd, y), at_first));
+        let mut seen = [middle - most, middle + most];
+        if self.exact >> first & 0xffff != 0 {
+            let exact = mask32x16::from_bitmask(simd, self.exact >> first);
+            let depth = sixteen(simd, &self.center_depth, first);
             let least_depth = sixteen(simd, &self.least_depth, first);
-            let inverse_t = inverse(simd, [one - rise[1] * per_depth, one - rise[0] * per_depth]);
-            let is_ahead = depth.simd_gt(W::simd_from(simd, 0.0)) & inverse_t[0].simd_gt(-infinity);
-            let low = is_ahead.select(least_depth * inverse_t[0], -infinity);
-            let high = is_ahead.select(depth * inverse_t[1], infinity);
+            let is_bound =
+                depth.simd_gt(W::simd_from(simd, 0.0)) & seen[0].simd_gt(W::simd_from(simd, LEAST_DIVISOR));
+            let low = is_bound.select(least_depth * reciprocal(simd, seen[1]), -infinity);
+            let high = is_bound.select(depth * reciprocal(simd, seen[0]), infinity);
             seen = [exact.select(low, seen[0]), exact.select(high, seen[1])];
-            reach = exact.select(reach * inverse_t[1], reach);
         }
-        // Where the plane is.
-        let middle = self.offsets_of(simd, first, middle);
-        let tilt = range(sixteen_of(simd, &self.tilt, first), middle, half);
-        let plane = if lens.is_perspective {
-            depth * inverse(simd, [one + tilt[0], one + tilt[1]])[0]
-        } else {
-            depth - tilt[1]
-        };
-        let smallness = sixteen(simd, &self.smallness, first);
-        let limit = lens.farthest_offset(simd, smallness, lens.zeta(simd, depth));
-        let begin = seen[0].min(plane).max(seen[0] - limit) - reach;
+        let begin = seen[0] - before;
         // What f32 can't say, NaN among it, is no bound.
         [
             begin.simd_gt(-infinity).select(begin, -infinity),
@@ -321,23 +315,27 @@ impl Surfels {
     }
 }
 
-/// The range over a square of what changes with a slope a pixel, `middle` pixels from where it is 0.
+/// What is less is no bound when it divides.
+const LEAST_DIVISOR: f32 = 0.05;
+
+/// A function of a pixel's place by its value at means and its slopes: its value at the first pixel, and the slopes.
 #[inline(always)]
-fn range<S: Simd>(slope: [W<S>; 2], middle: [W<S>; 2], half: f32) -> [W<S>; 2] {
-    let middle = slope[0].mul_add(middle[0], slope[1] * middle[1]);
-    let half = (slope[0].abs() + slope[1].abs()) * half;
-    [middle - half, middle + half]
+fn linear<S: Simd>([x, y]: [W<S>; 2], at_mean: W<S>, [along, down]: [W<S>; 2]) -> [W<S>; 3] {
+    [at_mean - along.mul_add(x, down * y), along, down]
 }
 
-/// 1/x of a range; without bounds where it comes near zero.
+/// How much a function with these slopes changes, at most, from the middle of a box.
 #[inline(always)]
-fn inverse<S: Simd>(simd: S, [low, high]: [W<S>; 2]) -> [W<S>; 2] {
-    let infinity = W::simd_from(simd, f32::INFINITY);
-    let is_positive = low.simd_gt(W::simd_from(simd, 0.05));
-    [
-        is_positive.select(reciprocal(simd, high), -infinity),
-        is_positive.select(reciprocal(simd, low), infinity),
-    ]
+fn change<S: Simd>([right, down]: [W<S>; 2], slopes: [W<S>; 2]) -> W<S> {
+    slopes[0].abs().mul_add(right, slopes[1].abs() * down)
+}
+
+/// Puts numbers of sixteen surfels in columns.
+#[inline(always)]
+fn store<S: Simd, const N: usize>(columns: &mut [Column; N], first: usize, numbers: [W<S>; N]) {
+    for (column, numbers) in columns.iter_mut().zip(numbers) {
+        numbers.store_slice(&mut column[first..first + 16]);
+    }
 }
 
 #[cfg(test)]
@@ -386,7 +384,7 @@ mod tests {
                     let pixels = crate::tile::pixels(simd, [0.0; 2]);
                     let sample = surfel.sample(simd, pixels, &lens);
                     let inside = sample.inside;
-                    let nearest = surfel.spans(simd, &sample, (pixels, surfels.slant(0)), &lens).nearest;
+                    let nearest = surfels.slant(0).nearest(simd, pixels, (&sample, &lens));
                     let zero = W::simd_from(simd, 0.0);
                     // Beside the splat nothing is asked.
                     let beside = zero - surfel.least_reach;

@@ -1,19 +1,21 @@
 //! Octets to the surfels that a tile needs of them, side by side.
 
 use super::batch::Look;
-use super::{FACES_AWAY, IS_EXACT, IS_PLAIN, Surfel, SurfelLens};
+use super::{CLOUD, FACES_AWAY, IS_EXACT, IS_PLAIN, Slant, Surfel, SurfelLens};
 use crate::columns::LANES;
 use crate::footprint::{EVENLY_COVERED, Octet};
-use crate::raster::outline::{BATCH, Column, Outlines, Place, eight, sixteen};
+use crate::raster::outline::{BATCH, Column, Outlines, Place, eight, eight_of, sixteen};
 use crate::simd::*;
 use crate::tile::Tile;
+use bytemuck::cast;
 
 /// What is known of a batch's surfels besides their outlines, until it is put down surfel by surfel.
 pub(super) struct Sides {
     /// As in a [`Surfel`].
     pub(super) facing: Column,
     normal: [Column; 3],
-    pub(super) least_reach: Column,
+    /// As in an octet.
+    pub(super) tilt: [Column; 2],
     /// Bits of the flags.
     flags: Column,
     /// Those of its octet and of itself in it.
@@ -23,18 +25,28 @@ pub(super) struct Sides {
     clear: Column,
     /// Coverage floors; then how even coverage is.
     even: Column,
+    /// What is made of them, as in a [`Surfel`] and a [`Slant`].
+    pub(super) along: [Column; 3],
+    pub(super) across: [Column; 2],
+    pub(super) plane: [Column; 3],
+    /// The least one, how far planes are followed, how much thicker layers are.
+    pub(super) reaches: [Column; 3],
 }
 
 impl Sides {
     pub(super) const NONE: Self = Self {
         facing: [1.0; BATCH],
         normal: [[0.0; BATCH]; 3],
-        least_reach: [0.0; BATCH],
+        tilt: [[0.0; BATCH]; 2],
         flags: [0.0; BATCH],
         numbers: [0.0; BATCH],
         tint: [[0.0; BATCH]; 3],
         clear: [0.0; BATCH],
         even: [1.0; BATCH],
+        along: [[0.0; BATCH]; 3],
+        across: [[0.0; BATCH]; 2],
+        plane: [[1.0; BATCH]; 3],
+        reaches: [[0.0; BATCH]; 3],
     };
 
     /// Puts in some surfels of an octet from a place on.
@@ -64,13 +76,17 @@ impl Sides {
             }
         }
         let flags = is_plain.select(u32x8::simd_from(simd, IS_PLAIN), none)
-            | M::from_bitmask(simd, octet.exact.into()).select(u32x8::simd_from(simd, IS_EXACT), none);
+            | M::from_bitmask(simd, octet.exact.into()).select(u32x8::simd_from(simd, IS_EXACT), none)
+            | octet.cloud << CLOUD;
         let numbers = u32x8::simd_from(simd, [0, 1, 2, 3, 4, 5, 6, 7]) + number * LANES as u32;
         place.put(simd, &mut self.flags, &V::from_bits(flags).into());
         place.put(simd, &mut self.numbers, &V::from_bits(numbers).into());
         place.put(simd, &mut self.facing, &octet.amplitude);
         for (column, normal) in self.normal.iter_mut().zip(&octet.normal) {
             place.put(simd, column, normal);
+        }
+        for (column, tilt) in self.tilt.iter_mut().zip(&octet.amplitude_slope) {
+            place.put(simd, column, tilt);
         }
     }
 
@@ -91,10 +107,10 @@ impl Sides {
         (0..count.min(BATCH)).map(is_exact).sum()
     }
 
-    /// The numbers among all surfels.
+    /// A surfel's number among all.
     #[inline(always)]
-    pub(super) fn numbers(&self) -> [u32; BATCH] {
-        self.numbers.map(f32::to_bits)
+    pub(super) fn number(&self, number: usize) -> u32 {
+        self.numbers[number % BATCH].to_bits()
     }
 
     /// Puts eight surfels down from a place on, and what is special about them if anything is.
@@ -102,57 +118,44 @@ impl Sides {
     pub(super) fn set<S: Simd>(
         &self,
         simd: S,
-        (first, outlines): (usize, &Outlines),
-        surfels: &mut [Surfel; BATCH],
-        looks: &mut [Look; BATCH],
+        (first, outlines, line): (usize, &Outlines, &[Column; 3]),
+        (surfels, slants, looks): (&mut [Surfel; BATCH], &mut [Slant; BATCH], &mut [Look; BATCH]),
     ) {
-        let zero = splat(simd, 0.0);
-        let none = u32x8::simd_from(simd, 0);
+        let (zero, none) = (splat(simd, 0.0), u32x8::simd_from(simd, 0));
         let own = eight(simd, &self.flags, first).to_bits();
-        let [x, y, z] = self.normal.each_ref().each(
+        let [depth, sigma_z] = [&outlines.depth, &outlines.sigma_z].each(
             #[inline(always)]
             |column| eight(simd, column, first),
         );
-        let columns = [
-            &outlines.mean[0],
-            &outlines.mean[1],
-            &outlines.root[0],
-            &outlines.root[1],
-            &outlines.root[2],
-            &outlines.depth,
-            &outlines.depth_slope[0],
-            &outlines.depth_slope[1],
-            &self.least_reach,
-        ];
-        let [left, top, a, b, c, depth, across, down, reach] = columns.each(
-            #[inline(always)]
-            |column| eight(simd, column, first),
-        );
+        // Of what isn't in the exact form this is old.
+        let is_exact = (own & IS_EXACT).simd_ne(none);
+        let spread = is_exact.select(eight(simd, &outlines.spread, first), zero);
         let facing = eight(simd, &self.facing, first);
         let away = (facing * depth).simd_gt(zero).select(u32x8::simd_from(simd, FACES_AWAY), none);
-        // What isn't in the exact form has none of these; where nothing is, they are old.
-        let is_exact = (own & IS_EXACT).simd_ne(none);
-        let [per_depth, spread] = [&outlines.per_depth, &outlines.spread].each(
-            #[inline(always)]
-            |column| is_exact.select(eight(simd, column, first), zero),
-        );
+        let [x, y, z] = eight_of(simd, &self.normal, first);
+        let [reach, farthest_offset, thickness] = eight_of(simd, &self.reaches, first);
+        let [at_first, a, b] = eight_of(simd, &self.along, first);
+        let [across, c] = eight_of(simd, &self.across, first);
+        let [line, to_right, down] = eight_of(simd, line, first);
         let quads = [
-            rows(simd, [left, top, a, b]),
-            rows(simd, [c, depth, across, down]),
-            rows(simd, [per_depth, spread, facing, x]),
+            rows(simd, [at_first, a, b, across]),
+            rows(simd, [c, line, to_right, down]),
+            rows(simd, [depth, spread, facing, x]),
             rows(simd, [y, z, reach, V::from_bits(own | away)]),
         ];
         for (lane, surfel) in surfels[first..first + LANES].iter_mut().enumerate() {
-            surfel.set(quads.each_ref().each(
-                #[inline(always)]
-                |quad| &quad[lane],
-            ));
+            *surfel = cast([quads[0][lane], quads[1][lane], quads[2][lane], quads[3][lane]]);
+        }
+        let [plane, to_right, down] = eight_of(simd, &self.plane, first);
+        let quads = [
+            rows(simd, [plane, to_right, down, depth]),
+            rows(simd, [sigma_z, farthest_offset, thickness, eight(simd, &self.numbers, first)]),
+        ];
+        for (lane, slant) in slants[first..first + LANES].iter_mut().enumerate() {
+            *slant = cast([quads[0][lane], quads[1][lane]]);
         }
         if (own & IS_PLAIN).simd_eq(none).any_true() {
-            let [red, green, blue] = self.tint.each_ref().each(
-                #[inline(always)]
-                |column| eight(simd, column, first),
-            );
+            let [red, green, blue] = eight_of(simd, &self.tint, first);
             let special = rows(simd, [red, green, blue, eight(simd, &self.clear, first)]);
             let looks = looks[first..first + LANES].iter_mut();
             for ((look, [red, green, blue, clear]), even) in looks.zip(special).zip(&self.even[first..]) {
@@ -184,19 +187,20 @@ impl SurfelLens {
         );
         // Rounding moves a pixel by less than this.
         const MARGIN: f32 = 0.02;
-        let per_c = splat(simd, self.cutoff.sqrt()) / c;
-        // √V_xx is √(b² + c²)/(ac).
-        let reach = [b.mul_add(b, c * c).sqrt() * per_c / a, per_c];
         let half = (tile.side - 1) as f32 / 2.0;
-        let is_near = [0, 1].each(
+        let beside = [0, 1].each(
             #[inline(always)]
             |axis| {
                 let middle = tile.origin[axis] as f32 + 0.5 + half;
                 let far = (V::simd_from(simd, octet.mean[axis]) - middle).abs();
-                far.simd_le(reach[axis] + (half + MARGIN))
+                (far - (half + MARGIN)).max(splat(simd, 0.0))
             },
         );
+        // Ellipses reach √(ρ (b² + c²))/(ac) along rows, √ρ/c along columns.
+        let cutoff = splat(simd, self.cutoff);
+        let (x, y) = (beside[0] * (a * c), beside[1] * c);
+        let is_near = (x * x).simd_le(b.mul_add(b, c * c) * cutoff) & (y * y).simd_le(cutoff);
         let exact = M::from_bitmask(simd, octet.exact.into());
-        (is_near[0] & is_near[1] | exact) & M::from_bitmask(simd, octet.seen.into())
+        (is_near | exact) & M::from_bitmask(simd, octet.seen.into())
     }
 }
