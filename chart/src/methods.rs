@@ -85,6 +85,9 @@ pub fn way(settings: &RenderSettings) -> String {
     if settings.cutoff != usual.cutoff {
         ends += &format!(", to ρ = {}", (settings.cutoff * 100.0).round() / 100.0);
     }
+    if settings.outline != usual.outline {
+        ends += &format!(", surfels to ρ = {}", settings.outline);
+    }
     if settings.end_share != usual.end_share {
         ends += &format!(", opacities to 1/{} of the tolerance", (1.0 / settings.end_share).round());
     }

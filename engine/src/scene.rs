@@ -162,7 +162,8 @@ pub struct RenderSettings {
     /// The share of the tolerance, from 0 to 1, below which opacities are left out: several kernels end in a pixel, and what they lack together is to
     /// stay within the tolerance. [`crate::settle()`] may find another.
     pub end_share: f64,
-    /// Squared Mahalanobis radius at which surfels end, to references too: it is a part of what they are.
+    /// Squared Mahalanobis radius at which surfels end, to references too: it is a part of what they are. [`crate::settle()`] may find
+    /// another.
     pub outline: f64,
     /// Whether splats of coarser levels are drawn where the tolerance allows, of clouds that have levels.
     pub level_of_detail: bool,

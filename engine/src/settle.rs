@@ -34,7 +34,11 @@ const NEARER: f64 = 9.0;
 /// adds up.
 const END_SHARES: [f64; 5] = [1.0 / 4.0, 1.0 / 8.0, 1.0 / 16.0, 1.0 / 32.0, 1.0 / 64.0];
 
-/// Fewer pixels that show anything tell nothing of where kernels may end.
+/// Where surfels may end, from the nearest on. What weighs as little as they do there is missing from the mean of what a pixel shows, which is
+/// tried where that is twice the tolerance at most: nothing nearer was ever within it.
+const OUTLINES: [f64; 3] = [5.0, 6.25, 9.0];
+
+/// Fewer pixels that show anything tell nothing of where splats may end.
 const LEAST_SHOWN: usize = 100;
 
 const fn slabs(thickness: f64) -> Order {
@@ -87,6 +91,7 @@ const FINER: [(Order, FootprintForm); 2] =
 ///   it, if that is what it is by default. They are cut off by their opacity alone, which costs little.
 /// - Of both, extinctions end nearer first, with opacities at the share that is set, and then opacities at smaller ones; all is judged as
 ///   opacities are.
+/// - Last, surfels end at an [outline](RenderSettings::outline) of 5, 6.25 or 9, if it is what it is by default, where that keeps to what ways must keep to.
 ///
 /// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame. Where windows show nothing,
 /// settings stay as they are; pictures of fewer pixels than a window's are drawn in the finest way.
@@ -107,6 +112,7 @@ pub fn settle(
         return Ok(*settings);
     }
     let (ways, ends) = (ways(scene, settings), ends(scene, settings));
+    let mut outlines = outlines(scene, settings).peekable();
     let ([others @ .., last], [nearer @ .., far]) = (&ways[..], &ends[..]) else { return Ok(*settings) };
     let drawn_in = |way: &(Order, FootprintForm), ends: &RenderSettings| RenderSettings {
         order: way.0,
@@ -114,35 +120,45 @@ pub fn settle(
         ..*ends
     };
     let Some(windows) = windows(scene, camera, settings) else { return Ok(*settings) };
-    if windows[0].is_empty() || (others.is_empty() && nearer.is_empty()) {
+    if windows[0].is_empty() || (others.is_empty() && nearer.is_empty() && outlines.peek().is_none()) {
         return Ok(drawn_in(last, far));
     }
     let trial = Trial::new((scene, &windows), drawn_in(last, far))?;
     if trial.shown() == 0 {
         return Ok(*settings);
     }
-    let mut taken = last;
-    for way in others {
-        let limits = [SHARE_OF_WAYS, MOST_OF_WAYS].map(|share| share * settings.tolerance);
-        if trial.is_within(limits, &drawn_in(way, far))? {
-            taken = way;
-            break;
-        }
-    }
-    if nearer.is_empty() || trial.shown() < LEAST_SHOWN {
+    let limits = [SHARE_OF_WAYS, MOST_OF_WAYS].map(|share| share * settings.tolerance);
+    let taken = first(others.iter(), |way| trial.is_within(limits, &drawn_in(way, far)))?.unwrap_or(last);
+    if trial.shown() < LEAST_SHOWN {
         return Ok(drawn_in(taken, far));
     }
-    let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * settings.tolerance, ..*far };
-    let trial = Trial::new((scene, &windows), drawn_in(last, &with_far_ends(&strict)))?;
-    let (share, rank) =
-        if scene.has_opacities() { (SHARE_OF_OPACITIES, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
-    for ends in nearer {
-        let settled = drawn_in(taken, ends);
-        if trial.error(rank, &settled)? <= share * settings.tolerance {
-            return Ok(settled);
-        }
+    let mut settled = drawn_in(taken, far);
+    if !nearer.is_empty() {
+        let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * settings.tolerance, ..*far };
+        let trial = Trial::new((scene, &windows), drawn_in(last, &with_far_ends(&strict)))?;
+        let (share, rank) =
+            if scene.has_opacities() { (SHARE_OF_OPACITIES, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
+        let keeps = |ends: &RenderSettings| Ok(trial.error(rank, ends)? <= share * settings.tolerance);
+        settled = first(nearer.iter().map(|ends| drawn_in(taken, ends)), keeps)?.unwrap_or(settled);
     }
-    Ok(drawn_in(taken, far))
+    let nearer = outlines.map(|outline| RenderSettings { outline, ..settled });
+    Ok(first(nearer, |nearer| trial.is_within(limits, nearer))?.unwrap_or(settled))
+}
+
+/// The first of some that will do.
+fn first<T>(
+    mut all: impl Iterator<Item = T>,
+    will_do: impl Fn(&T) -> Result<bool, SceneError>,
+) -> Result<Option<T>, SceneError> {
+    all.find_map(|one| will_do(&one).map(|will| will.then_some(one)).transpose()).transpose()
+}
+
+/// The outlines that the scene's surfels may have, from the nearest on.
+fn outlines(scene: &Scene, settings: &RenderSettings) -> impl Iterator<Item = f64> + use<> {
+    let is_left_open = settings.outline == RenderSettings::default().outline
+        && scene.clouds.iter().any(|cloud| cloud.is_surface());
+    let most = 2.0 * settings.tolerance;
+    OUTLINES.into_iter().filter(move |outline| is_left_open && (-0.5 * outline).exp() <= most)
 }
 
 /// Settings that draw kernels to where opacities end.
