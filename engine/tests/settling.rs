@@ -112,3 +112,33 @@ fn what_can_not_be_tried_stays_as_it_is() {
     let settled = settle(&scene, &scenes::camera(40.0, 48), &sheets).unwrap();
     assert!(settled.order == order && settled.footprint != FootprintForm::Auto, "{settled:?}");
 }
+
+/// A sphere in checks, whose colours differ from surfel to surfel at their borders: the nearer surfels end, the more it changes.
+#[test]
+fn surfels_end_as_near_as_the_tolerance_allows() {
+    let mut splats = scenes::sphere(20_000, 1.0, [1.0; 3]).splats();
+    for (color, center) in splats.colors.iter_mut().zip(&splats.centers) {
+        let cell = (*center * 4.0).floor().element_sum() as i32;
+        *color = [[0.9, 0.3, 0.1], [0.1, 0.4, 0.9]][cell.rem_euclid(2) as usize];
+    }
+    let sphere = Cloud::new(splats).unwrap();
+    let scene = Scene { clouds: vec![sphere.clone()], lights: Vec::new() };
+    let camera = scenes::camera(6.0, 128);
+    let truth = draw(vec![sphere.clone()], &camera, &unshaded()).color;
+    let mut outlines = Vec::new();
+    for levels in [1.0, 8.0, 16.0, 32.0] {
+        let tolerance = levels / 255.0;
+        let settled = settle(&scene, &camera, &RenderSettings { tolerance, ..unshaded() }).unwrap();
+        let found = error(&truth, &draw(vec![sphere.clone()], &camera, &settled).color);
+        assert!(found <= tolerance, "{found} is more than {tolerance}, to ρ = {}", settled.outline);
+        outlines.push(settled.outline);
+    }
+    let usual = unshaded().outline;
+    assert!(
+        outlines[0] == usual && outlines[3] < usual && outlines.is_sorted_by(|a, b| a >= b),
+        "{outlines:?}"
+    );
+    // What is said is not changed.
+    let said = RenderSettings { outline: 16.0, tolerance: 32.0 / 255.0, ..unshaded() };
+    assert_eq!(settle(&scene, &camera, &said).unwrap().outline, 16.0);
+}
