@@ -349,9 +349,10 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
-        /// Spans begin at least as far before where a surfel is seen as is said without looking at pixels.
+        /// Spans begin at least as far before where a surfel is seen as is said without looking at pixels, and no nearer than is said of
+        /// blocks and of the tile; nor is a surfel seen farther.
         #[test]
-        fn spans_begin_no_later_than_their_least_reach(
+        fn spans_are_where_they_are_said_to_be(
             mean in prop::array::uniform2(-4.0..8.0f32),
             slopes in prop::array::uniform4(-0.2..0.2f32),
             sigma_z in 0.0..0.2f32,
@@ -376,24 +377,27 @@ mod tests {
             let own_rects = [[Rect { min: [0; 2], max: [8; 2] }; LANES]];
             let octets = [Octet::of_one(record, SurfaceSample::default())];
             let surfaces = Surfaces { octets: &octets, own_rects: &own_rects, clouds: &[CloudSurface::default()] };
+            let mut least_reach = 0.0;
             for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
-                let [depth, nearest, reach]: [[f32; 16]; 3] = dispatch!(level, simd => {
+                let (sides, [begin, end]): ([[f32; 16]; 2], [f32; 2]) = dispatch!(level, simd => {
                     let mut surfels = Surfels::NONE;
                     surfels.fill(simd, (tile, [0.0; 3], &lens), (&[AtomicU32::new(0)], surfaces), &mut Room::default());
                     let surfel = surfels.get(0);
                     let pixels = crate::tile::pixels(simd, [0.0; 2]);
                     let sample = surfel.sample(simd, pixels, &lens);
-                    let inside = sample.inside;
                     let nearest = surfels.slant(0).nearest(simd, pixels, (&sample, &lens));
-                    let zero = W::simd_from(simd, 0.0);
-                    // Beside the splat nothing is asked.
-                    let beside = zero - surfel.least_reach;
-                    [inside.select(sample.depth, zero).into(), inside.select(nearest, beside).into(), [surfel.least_reach; 16]]
+                    let not_seen = W::simd_from(simd, f32::NAN);
+                    let sides = [sample.depth, nearest].map(|depth| sample.inside.select(depth, not_seen).into());
+                    let [begin, end]: [[f32; 16]; 2] = surfels.bounds(simd, 0, [HALF_BLOCK; 2]).map(Into::into);
+                    least_reach = surfel.least_reach;
+                    (sides, [begin[0].max(surfels.nearest[0]), end[0]])
                 });
-                for ((depth, nearest), reach) in depth.into_iter().zip(nearest).zip(reach) {
-                    // Two roundings of numbers of this size.
-                    let rounding = 2.0 * f32::EPSILON * (depth.abs() + nearest.abs());
-                    prop_assert!(depth - nearest >= reach - rounding, "{level:?}: {depth}, {nearest}, {reach}");
+                for (depth, nearest) in sides[0].into_iter().zip(sides[1]).filter(|(depth, _)| !depth.is_nan()) {
+                    // Roundings of numbers of this size.
+                    let rounding = 4.0 * f32::EPSILON * (depth.abs() + nearest.abs());
+                    prop_assert!(depth - nearest >= least_reach - rounding, "{level:?}: {depth}, {nearest}, {least_reach}");
+                    prop_assert!(nearest >= begin - rounding, "{level:?}: {nearest} before {begin}");
+                    prop_assert!(depth <= end + rounding, "{level:?}: {depth} behind {end}");
                 }
             }
         }
