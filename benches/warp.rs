@@ -12,8 +12,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use oblate::chart::baselines::{mcmillan, nearest, softmax, supersampled, triangles};
 use oblate::engine::{Blend, Camera, Channels, RenderSettings, Renderer, Scene, Stage};
 use oblate::surfels::{
-    DEPTH_LOW_PASS, DEPTH_OUTLINE, DepthError, DepthSettings, RgbdImage, Room, depth_surfels,
-    renew_depth_surfels,
+    DEPTH_LOW_PASS, DepthError, DepthSettings, RgbdImage, Room, depth_surfels, renew_depth_surfels,
 };
 use rayon::ThreadPoolBuilder;
 use stats::{FrameTimes, StageClock};
@@ -34,7 +33,6 @@ fn scene(image: &RgbdImage) -> Scene {
 fn draw(renderer: &mut Renderer, scene: &Scene, view: &Camera) -> FrameTimes {
     let settings = RenderSettings {
         low_pass: DEPTH_LOW_PASS,
-        outline: DEPTH_OUTLINE,
         blend: Blend::Display,
         shade: false,
         channels: Channels::Color,

@@ -9,9 +9,7 @@
 use oblate::chart::baselines;
 use oblate::engine::color::linear_to_srgb;
 use oblate::engine::{Blend, Frame, RenderSettings, Renderer, Scene};
-use oblate::surfels::{
-    DEPTH_LOW_PASS, DEPTH_OUTLINE, DepthSettings, RgbdImage, Room, depth_surfels, fill_disocclusions,
-};
+use oblate::surfels::{DEPTH_LOW_PASS, DepthSettings, RgbdImage, Room, depth_surfels, fill_disocclusions};
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -32,7 +30,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // Photographs are resampled as they are stored, unlit, with the filter that their pixels leave to be added.
     let settings = RenderSettings {
         low_pass: DEPTH_LOW_PASS,
-        outline: DEPTH_OUTLINE,
         blend: Blend::Display,
         shade: false,
         ..RenderSettings::default()

@@ -34,8 +34,8 @@ const NEARER: f64 = 9.0;
 /// adds up.
 const END_SHARES: [f64; 5] = [1.0 / 4.0, 1.0 / 8.0, 1.0 / 16.0, 1.0 / 32.0, 1.0 / 64.0];
 
-/// Where surfels may end, from the nearest on. What weighs as little as they do there is missing from the mean of what a pixel shows, which is
-/// tried where that is twice the tolerance at most: nothing nearer was ever within it.
+/// Where surfels may end, from the nearest on: tried where the share e^{−ρ/2} of its peak that a surfel has at its outline is two tolerances at most.
+/// With more at stake trying seems to be in vain.
 const OUTLINES: [f64; 3] = [5.0, 6.25, 9.0];
 
 /// Fewer pixels that show anything tell nothing of where splats may end.

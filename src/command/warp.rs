@@ -14,9 +14,7 @@ use oblate::engine::{
     Blend, Camera, Channels, Frame, Intrinsics, Pose, Projection, RenderSettings, Renderer, Scene,
 };
 use oblate::importers::depth::read_poses;
-use oblate::surfels::{
-    DEPTH_LOW_PASS, DEPTH_OUTLINE, DepthSettings, RgbdImage, fill_disocclusions, merged_depth_surfels,
-};
+use oblate::surfels::{DEPTH_LOW_PASS, DepthSettings, RgbdImage, fill_disocclusions, merged_depth_surfels};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -214,7 +212,6 @@ impl<'a> Warp<'a> {
     fn draw(&mut self, camera: &Camera) -> Result<()> {
         let settings = RenderSettings {
             low_pass: DEPTH_LOW_PASS,
-            outline: DEPTH_OUTLINE,
             // Photographs are resampled as they are stored.
             blend: Blend::Display,
             shade: false,

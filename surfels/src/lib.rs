@@ -38,7 +38,7 @@ mod texture;
 mod view;
 
 pub use depth_image::{
-    DEPTH_LOW_PASS, DEPTH_OUTLINE, DepthError, DepthKind, DepthSettings, Hit, RgbdImage, Room, depth_surfels,
+    DEPTH_LOW_PASS, DepthError, DepthKind, DepthSettings, Hit, RgbdImage, Room, depth_surfels,
     fill_disocclusions, merged_depth_surfels, renew_depth_surfels,
 };
 pub use error::SampleError;

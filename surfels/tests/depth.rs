@@ -6,8 +6,8 @@ use oblate_engine::{
     Blend, Camera, Cloud, Frame, Intrinsics, Pose, Projection, RenderSettings, Scene, render,
 };
 use oblate_surfels::{
-    DEPTH_LOW_PASS, DEPTH_OUTLINE, DepthError, DepthKind, DepthSettings, RgbdImage, Room, depth_surfels,
-    fill_disocclusions, merged_depth_surfels,
+    DEPTH_LOW_PASS, DepthError, DepthKind, DepthSettings, RgbdImage, Room, depth_surfels, fill_disocclusions,
+    merged_depth_surfels,
 };
 use proptest::prelude::*;
 
@@ -72,7 +72,6 @@ fn picture(camera: &Camera, variance: f64, see: Sight) -> Vec<[f32; 3]> {
 fn settings() -> RenderSettings {
     RenderSettings {
         low_pass: DEPTH_LOW_PASS,
-        outline: DEPTH_OUTLINE,
         blend: Blend::Display,
         shade: false,
         ..RenderSettings::default()

@@ -10,7 +10,7 @@ use glam::DVec2;
 use oblate::chart::baselines;
 use oblate::engine::color::linear_to_srgb;
 use oblate::engine::{Blend, Camera, Frame, RenderSettings, Scene, render};
-use oblate::surfels::{DEPTH_LOW_PASS, DEPTH_OUTLINE, DepthSettings, RgbdImage, depth_surfels};
+use oblate::surfels::{DEPTH_LOW_PASS, DepthSettings, RgbdImage, depth_surfels};
 
 const METHODS: [&str; 8] =
     ["oblate", "nearest", "3×3", "McMillan", "triangles", "sheets", "texels 3×3", "softmax"];
@@ -21,7 +21,6 @@ fn pictures(source: &RgbdImage, view: &Camera) -> [Vec<[f32; 4]>; 8] {
     let scene = Scene { clouds: vec![cloud], lights: Vec::new() };
     let settings = RenderSettings {
         low_pass: DEPTH_LOW_PASS,
-        outline: DEPTH_OUTLINE,
         blend: Blend::Display,
         shade: false,
         ..RenderSettings::default()

@@ -4,9 +4,7 @@ use super::{Known, Other, Remake, Scale, Subject, SubjectError};
 use crate::baselines;
 use glam::DVec2;
 use oblate_engine::{Blend, Camera, Frame, RenderSettings, Scene};
-use oblate_surfels::{
-    DEPTH_LOW_PASS, DEPTH_OUTLINE, DepthError, DepthSettings, RgbdImage, Room, depth_surfels,
-};
+use oblate_surfels::{DEPTH_LOW_PASS, DepthError, DepthSettings, RgbdImage, Room, depth_surfels};
 
 /// What another method draws.
 type Draw = fn(&RgbdImage, &Camera) -> Result<Frame, DepthError>;
@@ -50,7 +48,6 @@ pub(super) fn warp(scale: Scale) -> Result<Subject, SubjectError> {
         camera: view,
         settings: RenderSettings {
             low_pass: DEPTH_LOW_PASS,
-            outline: DEPTH_OUTLINE,
             blend: Blend::Display,
             shade: false,
             background: [0.0, 0.0, 0.0, 1.0],

@@ -1,7 +1,8 @@
 //! Volume records to optical depths or opacities at the pixels of a block.
 
+use super::column::{BATCH, Column, sixteen, sixteen_of};
 use super::offsets::{Exact, HALF_LOG2_E, Plane};
-use super::outline::{BATCH, BlockMasks, Column, Outlines, sixteen, sixteen_of};
+use super::outline::{BlockMasks, Outlines};
 use super::sixteen::{Sixteen, touch};
 use super::slabs::SlabColumns;
 use crate::camera::Projection;

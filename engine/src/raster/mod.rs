@@ -3,6 +3,7 @@
 //! Records are taken in batches. First it is found which blocks each ellipse meets; then each block takes its records
 //! one after the other, and keeps meanwhile in registers what they make of its pixels.
 
+mod column;
 mod kernel;
 mod offsets;
 mod outline;
@@ -10,8 +11,8 @@ mod sixteen;
 mod slabs;
 mod surfel;
 
+pub(crate) use column::{BATCH, Column};
 pub(crate) use kernel::{Fragments, KERNEL_REACH, KernelLens, Kernels, Places, Spans, reach_to_cuts};
-pub(crate) use outline::{BATCH, Column};
 pub(crate) use slabs::{Grain, SlabColumns, SlabShare};
 pub(crate) use surfel::{
     CloudSurface, Look, Room, STEEPEST, SURFEL_REACH, Surfaces, Surfel, SurfelLens, Surfels,

@@ -1,18 +1,12 @@
 //! Which blocks of a tile the ellipses of records meet.
 
+use super::column::{BATCH, Column, Place, sixteen, sixteen_of};
 use super::offsets::{HALF_LOG2_E, Offsets, Plane, ROOT_HALF_LOG2_E};
 use super::sixteen::Sixteen;
-use crate::columns::{LANES, Lanes};
 use crate::footprint::{Form, Octet, Rect};
 use crate::simd::*;
 use crate::tile::{BLOCK_SIDE, MAX_BLOCKS, Tile};
 use std::ops::Range;
-
-/// Records that are rasterized together: as many as a mask has bits.
-pub(crate) const BATCH: usize = u64::BITS as usize;
-
-/// A number for each record of a batch.
-pub(crate) type Column = [f32; BATCH];
 
 /// The footprints of a batch of records, from the centre of the tile's first pixel.
 #[derive(Clone, Copy)]
@@ -389,65 +383,6 @@ fn blocks_around<S: Simd>(simd: S, tile: Tile, kept: mask32x16<S>, [low, high]: 
     let block = |pixel: f32| pixel as usize / BLOCK_SIDE;
     let end = if high < 0.0 { 0 } else { (block(high) + 1).min(tile.blocks_a_side()) };
     block(low).min(end)..end
-}
-
-/// Where numbers of some of an octet's surfels are put side by side.
-#[derive(Clone, Copy)]
-pub(crate) struct Place<S: Simd> {
-    pub(crate) first: usize,
-    pub(crate) some: M<S>,
-    /// Which, where it is only one.
-    pub(crate) one: Option<usize>,
-}
-
-impl<S: Simd> Place<S> {
-    /// Puts them in a column. What is behind them, up to eight numbers from the first place on, may be lost.
-    #[inline(always)]
-    pub(crate) fn put(&self, simd: S, column: &mut Column, numbers: &Lanes) {
-        match self.one {
-            Some(lane) => column[self.first % BATCH] = numbers[lane % LANES],
-            None => simd
-                .compress_f32x8(V::simd_from(simd, *numbers), self.some)
-                .store_slice(&mut column[self.first..self.first + LANES]),
-        }
-    }
-}
-
-/// The numbers of eight records.
-#[inline(always)]
-pub(crate) fn eight<S: Simd>(simd: S, column: &Column, first: usize) -> V<S> {
-    let first = first % BATCH;
-    V::from_slice(simd, &column[first..first + LANES])
-}
-
-/// As [`eight`], of some columns.
-#[inline(always)]
-pub(crate) fn eight_of<S: Simd, const N: usize>(simd: S, columns: &[Column; N], first: usize) -> [V<S>; N]
-where
-    for<'a> [&'a Column; N]: Each<&'a Column, N>,
-{
-    columns.each_ref().each(
-        #[inline(always)]
-        |column| eight(simd, column, first),
-    )
-}
-
-/// The numbers of sixteen records.
-#[inline(always)]
-pub(crate) fn sixteen<S: Simd>(simd: S, column: &Column, first: usize) -> W<S> {
-    W::from_slice(simd, &column[first..first + 16])
-}
-
-/// As [`sixteen`], of some columns.
-#[inline(always)]
-pub(crate) fn sixteen_of<S: Simd, const N: usize>(simd: S, columns: &[Column; N], first: usize) -> [W<S>; N]
-where
-    for<'a> [&'a Column; N]: Each<&'a Column, N>,
-{
-    columns.each_ref().each(
-        #[inline(always)]
-        |column| sixteen(simd, column, first),
-    )
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! How a batch of volume records lies in slabs.
 
+use super::column::{BATCH, Column, sixteen, sixteen_of};
 use super::kernel::Kernels;
 use super::offsets::ROOT_HALF_LOG2_E;
-use super::outline::{BATCH, Column, sixteen, sixteen_of};
 use crate::closing::{BOX, Distances, Slabs, Spread};
 use crate::simd::*;
 use crate::tile::{HALF_BLOCK, Tile};

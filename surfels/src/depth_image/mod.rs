@@ -14,7 +14,7 @@ mod views;
 
 pub use fill::fill_disocclusions;
 pub use room::{Hit, Room};
-pub use surfels::{DEPTH_LOW_PASS, DEPTH_OUTLINE, DepthSettings, depth_surfels, renew_depth_surfels};
+pub use surfels::{DEPTH_LOW_PASS, DepthSettings, depth_surfels, renew_depth_surfels};
 pub use views::merged_depth_surfels;
 
 use glam::{DVec2, DVec3};

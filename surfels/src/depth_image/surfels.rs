@@ -32,10 +32,6 @@ const DEPTH_TOLERANCE: f64 = 16.0;
 /// variance of 1/12 already, and with that it is the usual 0.3.
 pub const DEPTH_LOW_PASS: f64 = 0.3 - 1.0 / 12.0;
 
-/// Where they end, as [`oblate_engine::RenderSettings::outline`]: at 3σ. Beside photographs that were really taken there pictures are as right as with
-/// 3.5σ, to a hundredth of a decibel, in less time.
-pub const DEPTH_OUTLINE: f64 = 9.0;
-
 /// How depth images become surfels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthSettings {
@@ -53,7 +49,7 @@ impl Default for DepthSettings {
 /// neighbours (Yuan, Chen et al., *Hybrid Forward Resampling and Volume Rendering*, 2003, section 3). Where a surface ends, surfels are
 /// cut; backs are dropped. Nothing is drawn where depths are unknown.
 ///
-/// A picture of photographs alone is best drawn unshaded, with [`DEPTH_LOW_PASS`] and [`DEPTH_OUTLINE`], and in [`oblate_engine::Blend::Display`], since they are
+/// A picture of photographs alone is best drawn unshaded, with [`DEPTH_LOW_PASS`], and in [`oblate_engine::Blend::Display`], since they are
 /// resampled as they are stored.
 ///
 /// # Errors
