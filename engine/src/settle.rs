@@ -4,6 +4,7 @@ mod trial;
 mod windows;
 
 use crate::camera::Camera;
+use crate::cloud::Cloud;
 use crate::columns::Kind;
 use crate::scene::{FootprintForm, Order, RenderSettings, Scene};
 use crate::validate::SceneError;
@@ -34,8 +35,7 @@ const NEARER: f64 = 9.0;
 /// adds up.
 const END_SHARES: [f64; 5] = [1.0 / 4.0, 1.0 / 8.0, 1.0 / 16.0, 1.0 / 32.0, 1.0 / 64.0];
 
-/// Where surfels may end, from the nearest on: tried where the share e^{−ρ/2} of its peak that a surfel has at its outline is two tolerances at most.
-/// With more at stake trying seems to be in vain.
+/// Where surfels may end, from the nearest on: tried where coverage steps by two tolerances at most at the outline of one by itself.
 const OUTLINES: [f64; 3] = [5.0, 6.25, 9.0];
 
 /// Fewer pixels that show anything tell nothing of where splats may end.
@@ -153,11 +153,16 @@ fn first<T>(
     all.find_map(|one| will_do(&one).map(|will| will.then_some(one)).transpose()).transpose()
 }
 
-/// The outlines that the scene's surfels may have, from the nearest on.
+/// The outlines that the scene's surfels may have, from the nearest on. A surfel's weight there is e^{−ρ/2} of its peak, and covers as much more as
+/// the coverage floor is less than 1.
 fn outlines(scene: &Scene, settings: &RenderSettings) -> impl Iterator<Item = f64> + use<> {
-    let is_left_open = settings.outline == RenderSettings::default().outline
-        && scene.clouds.iter().any(|cloud| cloud.is_surface());
-    let most = 2.0 * settings.tolerance;
+    let floor = |cloud: &Cloud| match &cloud.columns().kind {
+        Kind::Surface(surface) => Some(f64::from(surface.coverage_floor)),
+        _ => None,
+    };
+    let least_floor = scene.clouds.iter().filter_map(floor).reduce(f64::min).unwrap_or(0.0);
+    let is_left_open = settings.outline == RenderSettings::default().outline;
+    let most = 2.0 * settings.tolerance * least_floor;
     OUTLINES.into_iter().filter(move |outline| is_left_open && (-0.5 * outline).exp() <= most)
 }
 
