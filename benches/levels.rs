@@ -10,10 +10,11 @@ use common::surfels::{Place, on_torus, surfels_at, torus_and_sphere};
 use common::volumes::{ENGINE, GLASS, data, kernels, volume};
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
+use oblate::chart::methods::way;
 use oblate::engine::metrics::{Pixels, compare};
 use oblate::engine::{
     Camera, Channels, Cloud, Counts, Material, Observer, Pose, RenderSettings, Renderer, Scene, Shapes,
-    Splats, Strength,
+    Splats, Strength, settle,
 };
 use std::cell::LazyCell;
 use std::f32::consts::TAU;
@@ -30,7 +31,7 @@ impl Observer for Told {
     }
 }
 
-fn settings(tolerance: f64, level_of_detail: bool) -> RenderSettings {
+fn settings(tolerance: f64, level_of_detail: f64) -> RenderSettings {
     RenderSettings { tolerance, level_of_detail, channels: Channels::Color, ..RenderSettings::default() }
 }
 
@@ -74,15 +75,17 @@ fn draw(
 ) -> bool {
     let mut renderer = Renderer::new();
     let told = Told::default();
+    let settled = LazyCell::new(|| settle(scene, camera, &settings).expect("it can be drawn"));
     let mut group = criterion.benchmark_group(group);
     group.sample_size(10).bench_function(name, |bencher| {
         let (scene, camera) = (&**scene, &**camera);
         bencher.iter(|| {
-            renderer.render(scene, camera, &settings, &told).expect("it can be drawn");
+            renderer.render(scene, camera, &settled, &told).expect("it can be drawn");
         });
     });
     let Counts { splats, culled, occluded, visible, merged, .. } = *told.0.lock().expect("nobody panics");
     if visible > 0 {
+        println!("    {}", way(&settled));
         println!("    {:.1} bytes a splat", scene.bytes() as f64 / splats as f64);
         println!(
             "    {splats} splats: {culled} culled, {occluded} occluded, {visible} drawn, {merged} of them merged"
@@ -93,10 +96,10 @@ fn draw(
 
 /// Prints what 99.9 % of the pixels that show anything are off by with levels.
 fn print_error(scene: &Scene, camera: &Camera, tolerance: f64) {
-    let [on, off] = [true, false].map(|level_of_detail| {
-        oblate::engine::render(scene, camera, &settings(tolerance, level_of_detail), &())
-            .expect("it can be drawn")
-            .color
+    let settled = settle(scene, camera, &settings(tolerance, 1.0)).expect("it can be drawn");
+    let [on, off] = [settled.level_of_detail, 0.0].map(|level_of_detail| {
+        let settings = RenderSettings { level_of_detail, ..settled };
+        oblate::engine::render(scene, camera, &settings, &()).expect("it can be drawn").color
     });
     let shown = |color: &[[f32; 4]]| -> Vec<f32> {
         let pixels = color.iter().zip(&on).zip(&off);
@@ -168,7 +171,7 @@ fn finer(criterion: &mut Criterion) {
             Scene { clouds: vec![cloud], lights: Vec::new() }
         });
         let camera = LazyCell::new(|| overview(scene.clouds[0].bounds().expect("it has splats")));
-        let view = (&camera, settings(TOLERANCE, true));
+        let view = (&camera, settings(TOLERANCE, 1.0));
         if draw(criterion, ["a surface in ever finer samples", &format!("{millions} M")], &scene, view) {
             print_error(&scene, &camera, TOLERANCE);
         }
@@ -199,7 +202,7 @@ fn growth(criterion: &mut Criterion) {
                     .expect("it has splats")
             });
             let camera = LazyCell::new(|| overview(*bounds));
-            draw(criterion, [group, &name], &scene, (&camera, settings(TOLERANCE, true)));
+            draw(criterion, [group, &name], &scene, (&camera, settings(TOLERANCE, 1.0)));
         }
     }
 }
@@ -214,7 +217,7 @@ fn minified(criterion: &mut Criterion) {
     for zoom in [1.0, 2.0, 4.0, 8.0, 16.0] {
         let scene = LazyCell::new(|| Scene { clouds: vec![cloud.clone()], lights: Vec::new() });
         let camera = camera(middle + DVec3::new(330.0, -412.5, 288.75) * zoom, middle);
-        for (name, levels) in [("all splats", false), ("levels", true)] {
+        for (name, levels) in [("all splats", 0.0), ("levels", 1.0)] {
             draw(
                 criterion,
                 [&format!("engine at 1/{zoom}"), name],

@@ -23,7 +23,7 @@ const LEAST_GAIN: f64 = 3.0;
 /// least three times as many small splats would be drawn in all as the cloud has: in many places, or in several pictures; and where a
 /// budget can be kept by nothing else.
 pub(crate) fn levels_pay(cloud: &Cloud, moves: &[DAffine3], camera: &Camera, drawing: &Drawing) -> bool {
-    if drawing.reference.is_some() || !drawing.settings.level_of_detail || cloud.is_empty() {
+    if drawing.reference.is_some() || drawing.settings.level_of_detail == 0.0 || cloud.is_empty() {
         return false;
     }
     if drawing.settings.budget.is_some() {
@@ -45,8 +45,9 @@ fn small_splats(
     samples: usize,
 ) -> usize {
     let settings = &drawing.settings;
-    // With this power of the tolerance most needs fall, see `Cloud::with_levels_for`.
-    let filter = settings.low_pass.sqrt() * (255.0 * settings.tolerance).powf(0.8);
+    // With the power 0.8 of the tolerance most needs fall (`Cloud::with_levels_for`); the more is allowed, the coarser `settle` finds that
+    // levels may be.
+    let filter = settings.low_pass.sqrt() * (255.0 * settings.tolerance).powf(1.2);
     let lens = Lens::new(camera, settings.low_pass);
     let to_camera = camera.pose().world_to_camera * place * cloud.cloud_to_world();
     let size = camera.size().map(f64::from);

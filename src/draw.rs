@@ -48,7 +48,11 @@ impl Drawing {
                 shade: options.shade.unwrap_or(true),
                 background: options.background.unwrap_or(Rgba::from_bytes(BACKGROUND)).0,
                 tolerance: options.tolerance.map_or(defaults.tolerance, |tolerance| tolerance.0),
-                level_of_detail: options.level_of_detail.unwrap_or(defaults.level_of_detail),
+                level_of_detail: if options.level_of_detail == Some(false) {
+                    0.0
+                } else {
+                    defaults.level_of_detail
+                },
                 budget: options.budget,
                 occlusion: options.occlusion.unwrap_or(defaults.occlusion),
                 interpolation: options.interpolation.unwrap_or(defaults.interpolation),

@@ -91,6 +91,11 @@ pub fn way(settings: &RenderSettings) -> String {
     if settings.end_share != usual.end_share {
         ends += &format!(", opacities to 1/{} of the tolerance", (1.0 / settings.end_share).round());
     }
+    if settings.level_of_detail == 0.0 {
+        ends += ", every splat";
+    } else if settings.level_of_detail != usual.level_of_detail {
+        ends += &format!(", levels for filters × {}", settings.level_of_detail);
+    }
     format!("{order}, {form}{ends}")
 }
 
@@ -123,7 +128,7 @@ pub fn methods(scene: &Scene, settings: &RenderSettings, settled: &RenderSetting
         let name = format!("tolerance {levels}/255");
         add(Family::Tolerance, name, RenderSettings { tolerance: levels * LEVEL, ..*settings });
     }
-    let fixed = RenderSettings { level_of_detail: false, ..*settings };
+    let fixed = RenderSettings { level_of_detail: 0.0, ..*settings };
     let orders: Vec<Order> = if has_kernels {
         let slabs = |thickness| Order::Slabs { thickness };
         let shells = Order::Shells { thickness: 0.5 };
@@ -148,7 +153,7 @@ pub fn methods(scene: &Scene, settings: &RenderSettings, settled: &RenderSetting
         add(Family::LowPass, name, RenderSettings { low_pass, ..*settled });
     }
     if scene.clouds.iter().any(|cloud| cloud.has_levels()) {
-        let all = RenderSettings { level_of_detail: false, ..*settled };
+        let all = RenderSettings { level_of_detail: 0.0, ..*settled };
         add(Family::Levels, "every splat".into(), all);
         let splats: usize = scene.clouds.iter().map(|cloud| cloud.len()).sum();
         for share in BUDGETS {

@@ -215,14 +215,14 @@ fn find_visible(
             near: camera.near(),
             perspective,
             pixel_filter,
-            allowance: allowance(cloud.levels(), settings.tolerance) * widening
+            allowance: allowance(cloud.levels(), settings.tolerance) * settings.level_of_detail * widening
                 / largest_stretch(cloud_to_camera.matrix3),
             cutoff: settings.farthest_end(),
             stretch: largest_stretch(cloud_to_camera.matrix3),
             cloud_to_camera,
             hides_backs_from: cloud.is_closed_for(&camera_to_cloud, perspective).then_some(viewer),
         };
-        let top = if settings.level_of_detail { cloud.levels().len() - 1 } else { 0 };
+        let top = if settings.level_of_detail > 0.0 { cloud.levels().len() - 1 } else { 0 };
         for cluster in 0..cloud.levels()[top].clusters.len() {
             culled += search.visit((top, top), cluster, 0.0, visible);
         }

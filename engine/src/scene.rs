@@ -165,8 +165,9 @@ pub struct RenderSettings {
     /// Squared Mahalanobis radius at which surfels end, to references too: it is a part of what they are. [`crate::settle()`] may find
     /// another.
     pub outline: f64,
-    /// Whether splats of coarser levels are drawn where the tolerance allows, of clouds that have levels.
-    pub level_of_detail: bool,
+    /// How much wider than it is the pixels' filter counts where levels of detail are chosen, of clouds that have levels: at least 0, with
+    /// which every splat is drawn. [`crate::settle()`] may find another.
+    pub level_of_detail: f64,
     /// The picture is drawn with at most as many splats, as far as clouds have levels: the best that can be had.
     /// The last level of a cloud, 1024 splats at most, is drawn even if that is more.
     pub budget: Option<usize>,
@@ -213,7 +214,7 @@ impl Default for RenderSettings {
             cutoff: 12.25,
             end_share: 0.125,
             outline: 12.25,
-            level_of_detail: true,
+            level_of_detail: 1.0,
             budget: None,
             occlusion: true,
             interpolation: true,

@@ -38,6 +38,10 @@ const END_SHARES: [f64; 5] = [1.0 / 4.0, 1.0 / 8.0, 1.0 / 16.0, 1.0 / 32.0, 1.0 
 /// Where surfels may end, from the nearest on: tried where coverage steps by two tolerances at most at the outline of one by itself.
 const OUTLINES: [f64; 3] = [5.0, 6.25, 9.0];
 
+/// How much wider than it is the pixels' filter may count for levels of detail, from the quickest on: what makes them differ is fitted to
+/// many scenes, and some ask for less and some for more. With 0 every splat is drawn.
+const LEVELS: [f64; 10] = [8.0, 5.6, 4.0, 2.8, 2.0, 1.4, 1.0, 0.5, 0.25, 0.0];
+
 /// Fewer pixels that show anything tell nothing of where splats may end.
 const LEAST_SHOWN: usize = 100;
 
@@ -91,7 +95,10 @@ const FINER: [(Order, FootprintForm); 2] =
 ///   it, if that is what it is by default. They are cut off by their opacity alone, which costs little.
 /// - Of both, extinctions end nearer first, with opacities at the share that is set, and then opacities at smaller ones; all is judged as
 ///   opacities are.
-/// - Last, surfels end at an [outline](RenderSettings::outline) of 5, 6.25 or 9, if it is what it is by default, where that keeps to what ways must keep to.
+/// - Surfels end at an [outline](RenderSettings::outline) of 5, 6.25 or 9, if it is what it is by default, where that keeps to what ways must keep to.
+///
+/// Last, levels of detail are as coarse ([`RenderSettings::level_of_detail`]) as keeps to that beside the same way without any, if that is what
+/// it is by default.
 ///
 /// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame. Where windows show nothing,
 /// settings stay as they are; pictures of fewer pixels than a window's are drawn in the finest way.
@@ -113,6 +120,7 @@ pub fn settle(
     }
     let (ways, ends) = (ways(scene, settings), ends(scene, settings));
     let mut outlines = outlines(scene, settings).peekable();
+    let mut levels = levels(scene, settings).peekable();
     let ([others @ .., last], [nearer @ .., far]) = (&ways[..], &ends[..]) else { return Ok(*settings) };
     let drawn_in = |way: &(Order, FootprintForm), ends: &RenderSettings| RenderSettings {
         order: way.0,
@@ -120,7 +128,8 @@ pub fn settle(
         ..*ends
     };
     let Some(windows) = windows(scene, camera, settings) else { return Ok(*settings) };
-    if windows[0].is_empty() || (others.is_empty() && nearer.is_empty() && outlines.peek().is_none()) {
+    let is_alone = others.is_empty() && nearer.is_empty() && outlines.peek().is_none();
+    if windows[0].is_empty() || (is_alone && levels.peek().is_none()) {
         return Ok(drawn_in(last, far));
     }
     let trial = Trial::new((scene, &windows), drawn_in(last, far))?;
@@ -142,7 +151,20 @@ pub fn settle(
         settled = first(nearer.iter().map(|ends| drawn_in(taken, ends)), keeps)?.unwrap_or(settled);
     }
     let nearer = outlines.map(|outline| RenderSettings { outline, ..settled });
-    Ok(first(nearer, |nearer| trial.is_within(limits, nearer))?.unwrap_or(settled))
+    let settled = first(nearer, |nearer| trial.is_within(limits, nearer))?.unwrap_or(settled);
+    if levels.peek().is_none() {
+        return Ok(settled);
+    }
+    let trial = Trial::new((scene, &windows), RenderSettings { level_of_detail: 0.0, ..settled })?;
+    let coarser: Vec<RenderSettings> =
+        levels.map(|level_of_detail| RenderSettings { level_of_detail, ..settled }).collect();
+    // Errors grow with them, and none are as good as none: a bisection.
+    let (mut from, mut to) = (0, coarser.len() - 1);
+    while from < to {
+        let middle = (from + to) / 2;
+        if trial.is_within(limits, &coarser[middle])? { to = middle } else { from = middle + 1 }
+    }
+    Ok(coarser[to])
 }
 
 /// The first of some that will do.
@@ -164,6 +186,14 @@ fn outlines(scene: &Scene, settings: &RenderSettings) -> impl Iterator<Item = f6
     let is_left_open = settings.outline == RenderSettings::default().outline;
     let most = 2.0 * settings.tolerance * least_floor;
     OUTLINES.into_iter().filter(move |outline| is_left_open && (-0.5 * outline).exp() <= most)
+}
+
+/// How coarse the scene's levels of detail may be, from the coarsest on. Where there is a budget it decides.
+fn levels(scene: &Scene, settings: &RenderSettings) -> impl Iterator<Item = f64> + use<> {
+    let has_levels = scene.clouds.iter().any(|cloud| cloud.levels().len() > 1);
+    let is_default = settings.level_of_detail == RenderSettings::default().level_of_detail;
+    let is_left_open = has_levels && is_default && settings.budget.is_none();
+    LEVELS.into_iter().filter(move |_| is_left_open)
 }
 
 /// Settings that draw kernels to where opacities end.

@@ -62,7 +62,7 @@ impl RenderSettings {
     /// # Errors
     /// When one is outside its documented range.
     pub fn validate(&self) -> Result<(), SceneError> {
-        let Self { low_pass, tolerance, cutoff, end_share, outline, .. } = *self;
+        let Self { low_pass, tolerance, cutoff, end_share, outline, level_of_detail, .. } = *self;
         check(
             "low-pass variance",
             low_pass,
@@ -71,6 +71,12 @@ impl RenderSettings {
         )?;
         check("tolerance", tolerance, (0.0..=1.0).contains(&tolerance), "it must be from 0 to 1")?;
         check("end share", end_share, (0.0..=1.0).contains(&end_share), "it must be from 0 to 1")?;
+        check(
+            "width of filters for levels of detail",
+            level_of_detail,
+            (0.0..=1e6).contains(&level_of_detail),
+            "it must be from 0 to 1e6 times what it is",
+        )?;
         for (what, radius) in [("cut-off", cutoff), ("outline of surfels", outline)] {
             check(what, radius, (1.0..=100.0).contains(&radius), "it must be from 1 to 100")?;
         }

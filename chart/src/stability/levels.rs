@@ -159,7 +159,7 @@ fn run() -> Findings {
     };
     let pictures =
         |frames: &[(Frame, u64)]| frames.iter().map(|(frame, _)| frame.clone()).collect::<Vec<_>>();
-    let plain = pictures(&frames(&detailed, &RenderSettings { level_of_detail: false, ..unshaded() }));
+    let plain = pictures(&frames(&detailed, &RenderSettings { level_of_detail: 0.0, ..unshaded() }));
     let default = frames(&detailed, &unshaded());
     // As many splats as the default draws, each k-th.
     let dropped: Vec<Frame> = distances

@@ -12,7 +12,9 @@ const WINDOW: u32 = 6;
 /// many elsewhere, for what these can't decide. `None` where nothing is in the picture; none in pictures that are smaller than a window.
 pub(super) fn windows(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> Option<[Vec<Camera>; 2]> {
     let mut visible = Vec::new();
-    find_affordable(scene, camera, &RenderSettings { budget: None, ..*settings }, &mut visible);
+    // Spheres around what merged splats stand for are wider than what they show.
+    let every_splat = RenderSettings { budget: None, level_of_detail: 0.0, ..*settings };
+    find_affordable(scene, camera, &every_splat, &mut visible);
     if visible.is_empty() {
         return None;
     }

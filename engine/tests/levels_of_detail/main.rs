@@ -31,8 +31,7 @@ fn draw_with(cloud: &Cloud, camera: &Camera, settings: RenderSettings) -> (Frame
 }
 
 fn both(cloud: &Cloud, camera: &Camera, settings: RenderSettings) -> [(Frame, u64); 2] {
-    [false, true]
-        .map(|level_of_detail| draw_with(cloud, camera, RenderSettings { level_of_detail, ..settings }))
+    [0.0, 1.0].map(|level_of_detail| draw_with(cloud, camera, RenderSettings { level_of_detail, ..settings }))
 }
 
 /// A cloud in compact order, with levels.
@@ -171,11 +170,8 @@ fn a_budget_is_kept() {
         let settings = RenderSettings { budget: Some(budget), ..RenderSettings::default() };
         let (frame, drawn) = draw_with(&cloud, &camera, settings);
         assert!(drawn as usize <= budget && drawn > 0, "{drawn} of {budget}");
-        let off = draw_with(
-            &cloud,
-            &camera,
-            RenderSettings { level_of_detail: false, ..RenderSettings::default() },
-        );
+        let off =
+            draw_with(&cloud, &camera, RenderSettings { level_of_detail: 0.0, ..RenderSettings::default() });
         // Few splats are a blur, but as bright.
         let error = energy(&frame) / energy(&off.0) - 1.0;
         assert!(error.abs() < 0.1, "{budget}: {error}");
@@ -209,7 +205,7 @@ fn closed_bodies_that_are_one_surfel_show_as_much() {
     let cloud = with_levels(surfels(&points, area, [0.5; 3], true));
     let camera = camera(12.0, 64);
     let [all, few] = [None, Some(2000)].map(|budget| {
-        let settings = RenderSettings { budget, level_of_detail: budget.is_some(), ..unshaded() };
+        let settings = RenderSettings { budget, level_of_detail: f64::from(budget.is_some()), ..unshaded() };
         draw_with(&cloud, &camera, settings)
     });
     assert!(few.1 <= 2000 && all.1 > 20_000, "{} of {}", few.1, all.1);
