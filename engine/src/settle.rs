@@ -84,7 +84,7 @@ const FINER: [(Order, FootprintForm); 2] =
 /// Settles what settings leave to the engine, [`Order::Auto`] and [`FootprintForm::Auto`]: the quickest way that keeps to the
 /// tolerance.
 ///
-/// Up to 64 windows of 6×6 pixels, spread over what the scene may touch of the picture, are drawn in one way after another, from the quickest
+/// Windows of what the scene may touch of the picture, 64 of 6×6 pixels that are spread over it or all of it where that is small, are drawn in one way after another, from the quickest
 /// on, and the first is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Where a
 /// hundredth at most are off by more, and by two tolerances at most, as many windows elsewhere tell whether they are too many. Kernels are
 /// drawn to where opacities end; then the way that is taken is drawn with nearer ends, from the nearest on, and the first are taken that
@@ -101,7 +101,7 @@ const FINER: [(Order, FootprintForm); 2] =
 /// it is by default.
 ///
 /// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame. Where windows show nothing,
-/// settings stay as they are; pictures of fewer pixels than a window's are drawn in the finest way.
+/// settings stay as they are.
 ///
 /// An order or a form that is not left to the engine stays as it is; with both, all does. Kernels with opacities alone keep the
 /// order that defines them. Surfaces by themselves need no order.

@@ -142,3 +142,42 @@ fn surfels_end_as_near_as_the_tolerance_allows() {
     let said = RenderSettings { outline: 16.0, tolerance: 32.0 / 255.0, ..unshaded() };
     assert_eq!(settle(&scene, &camera, &said).unwrap().outline, 16.0);
 }
+
+/// Levels of detail are coarser than their needs ask for where that keeps to the tolerance, as on a plain sphere, and finer where they don't: of
+/// two walls in two colours close to each other another may be the first when some of their surfels are merged.
+#[test]
+fn levels_are_as_coarse_as_the_tolerance_allows() {
+    let plain = scenes::sphere(100_000, 1.0, [0.8; 3]);
+    let mut walls = plain.splats();
+    for (i, (center, color)) in walls.centers.iter_mut().zip(&mut walls.colors).enumerate() {
+        *center *= [1.0, 0.98][i % 2];
+        *color = [[0.9, 0.1, 0.1], [0.1, 0.1, 0.9]][i % 2];
+    }
+    if let Strength::Surface(surface) = &mut walls.strength {
+        surface.areas.iter_mut().for_each(|area| *area *= 2.0);
+        surface.closed = false.into();
+    }
+    let walls = Cloud::new(walls).unwrap();
+    let camera = scenes::camera(40.0, 256);
+    for tolerance in [2.0 / 255.0, 8.0 / 255.0] {
+        for (cloud, is_plain) in [(&plain, true), (&walls, false)] {
+            let cloud = cloud.clone().with_levels_for(tolerance);
+            let left_open = RenderSettings { tolerance, ..unshaded() };
+            let scene = Scene { clouds: vec![cloud.clone()], lights: Vec::new() };
+            let settled = settle(&scene, &camera, &left_open).unwrap();
+            let [truth, found, usual] = [0.0, settled.level_of_detail, 1.0].map(|level_of_detail| {
+                let settings = RenderSettings { level_of_detail, ..settled };
+                draw(vec![cloud.clone()], &camera, &settings).color
+            });
+            let [found, usual] = [error(&truth, &found), error(&truth, &usual)];
+            assert!(found <= tolerance, "{found} is more than {tolerance}");
+            assert_eq!(settled.level_of_detail > 1.0, is_plain, "{settled:?}");
+            assert_eq!(usual <= tolerance, is_plain, "{usual} for {tolerance}");
+            // What is said is not changed, and a budget says it, too.
+            let said = RenderSettings { level_of_detail: 0.0, ..left_open };
+            assert_eq!(settle(&scene, &camera, &said).unwrap().level_of_detail, 0.0);
+            let budget = RenderSettings { budget: Some(50_000), ..left_open };
+            assert_eq!(settle(&scene, &camera, &budget).unwrap().level_of_detail, 1.0);
+        }
+    }
+}

@@ -8,8 +8,13 @@ use crate::scene::{RenderSettings, Scene};
 const WINDOWS: u32 = 8;
 const WINDOW: u32 = 6;
 
+/// Parts of so many pixels, four times as many as windows have, are one window: where much lies in a pixel, windows together would see
+/// splats several times.
+const WHOLE: u64 = 4 * (WINDOWS * WINDOW).pow(2) as u64;
+
 /// Cameras that see windows of the part of the picture that the scene may touch: each in a random place of its share of that; and as
-/// many elsewhere, for what these can't decide. `None` where nothing is in the picture; none in pictures that are smaller than a window.
+/// many elsewhere, for what these can't decide. A small part is one window, beside which there are no others. `None` where nothing is in
+/// the picture.
 pub(super) fn windows(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> Option<[Vec<Camera>; 2]> {
     let mut visible = Vec::new();
     // Spheres around what merged splats stand for are wider than what they show.
@@ -28,16 +33,20 @@ pub(super) fn windows(scene: &Scene, camera: &Camera, settings: &RenderSettings)
         low..length.min((high + missing).ceil() as u32)
     };
     let sides = [side(0), side(1)];
-    let count = [0, 1].map(|axis| (sides[axis].len() as u32 / WINDOW).min(WINDOWS));
+    let lengths = sides.each_ref().map(|side| side.len() as u32);
+    if u64::from(lengths[0]) * u64::from(lengths[1]) <= WHOLE {
+        let corner = sides.map(|side| side.start as i32);
+        return Some([camera.part(corner, lengths).into_iter().collect(), Vec::new()]);
+    }
+    let count = lengths.map(|length| (length / WINDOW).min(WINDOWS));
     let all = count[0] * count[1];
     let corner = |number: u32, axis: usize| {
-        let side = &sides[axis];
-        let room = side.len() as u32 - WINDOW;
+        let room = lengths[axis] - WINDOW;
         let place = [number % all / count[1], number % count[1]][axis];
         // Weyl's sequence: even, and in step with nothing in the picture.
         let step = f64::from(number) * [0.754_877_67, 0.569_840_29][axis];
         let share = (f64::from(place) + step.fract()) / f64::from(count[axis]);
-        (side.start + (f64::from(room) * share) as u32) as i32
+        (sides[axis].start + (f64::from(room) * share) as u32) as i32
     };
     let window = |number: u32| camera.part([corner(number, 0), corner(number, 1)], [WINDOW; 2]).ok();
     Some([0..all, all..2 * all].map(|numbers| numbers.filter_map(window).collect()))
