@@ -88,7 +88,7 @@ const FINER: [(Order, FootprintForm); 2] =
 /// on, and the first is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Where a
 /// hundredth at most are off by more, and by two tolerances at most, as many windows elsewhere tell whether they are too many. Kernels are
 /// drawn to where opacities end; then the way that is taken is drawn with nearer ends, from the nearest on, and the first are taken that
-/// keep to a share of the tolerance beside the finest way drawn at an eighth of it (way, levels and ends are judged together):
+/// keep to a share of the tolerance beside the finest way drawn at an eighth of it (way and ends are judged together):
 /// - Extinctions end at a [cut-off](RenderSettings::cutoff) of 9, if that is what it is by default, or as it is, where 99 % of the
 ///   pixels that show anything differ by at most half of the tolerance.
 /// - Opacities end at a [share of the tolerance](RenderSettings::end_share) from a quarter to 1/64, where 99.9 % differ by at most 0.6 of
@@ -97,8 +97,8 @@ const FINER: [(Order, FootprintForm); 2] =
 ///   opacities are.
 /// - Surfels end at an [outline](RenderSettings::outline) of 5, 6.25 or 9, if it is what it is by default, where that keeps to what ways must keep to.
 ///
-/// Last, levels of detail are as coarse ([`RenderSettings::level_of_detail`]) as keeps to that beside the same way without any, if that is what
-/// it is by default.
+/// All this is judged with every splat drawn. Last, levels of detail are as coarse ([`RenderSettings::level_of_detail`], from 8 times the width of
+/// the pixels' filter down to 0) as keeps to that, too, beside the same way with every splat, if that is what it is by default.
 ///
 /// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame. Where windows show nothing,
 /// settings stay as they are.
@@ -118,25 +118,37 @@ pub fn settle(
     if settings.order != Order::Auto && settings.footprint != FootprintForm::Auto {
         return Ok(*settings);
     }
+    let Some(windows) = windows(scene, camera, settings) else { return Ok(*settings) };
+    let levels = levels(scene, settings);
+    if levels.is_empty() {
+        return settle_ways((scene, &windows), settings);
+    }
+    let every_splat = RenderSettings { level_of_detail: 0.0, ..*settings };
+    let settled = settle_ways((scene, &windows), &every_splat)?;
+    settle_levels((scene, &windows), &settled, &levels)
+}
+
+/// Settles all but levels of detail.
+fn settle_ways(
+    (scene, windows): (&Scene, &[Vec<Camera>; 2]),
+    settings: &RenderSettings,
+) -> Result<RenderSettings, SceneError> {
     let (ways, ends) = (ways(scene, settings), ends(scene, settings));
     let mut outlines = outlines(scene, settings).peekable();
-    let mut levels = levels(scene, settings).peekable();
     let ([others @ .., last], [nearer @ .., far]) = (&ways[..], &ends[..]) else { return Ok(*settings) };
     let drawn_in = |way: &(Order, FootprintForm), ends: &RenderSettings| RenderSettings {
         order: way.0,
         footprint: way.1,
         ..*ends
     };
-    let Some(windows) = windows(scene, camera, settings) else { return Ok(*settings) };
-    let is_alone = others.is_empty() && nearer.is_empty() && outlines.peek().is_none();
-    if windows[0].is_empty() || (is_alone && levels.peek().is_none()) {
+    if others.is_empty() && nearer.is_empty() && outlines.peek().is_none() {
         return Ok(drawn_in(last, far));
     }
-    let trial = Trial::new((scene, &windows), drawn_in(last, far))?;
+    let trial = Trial::new((scene, windows), drawn_in(last, far))?;
     if trial.shown() == 0 {
         return Ok(*settings);
     }
-    let limits = [SHARE_OF_WAYS, MOST_OF_WAYS].map(|share| share * settings.tolerance);
+    let limits = limits(settings);
     let taken = first(others.iter(), |way| trial.is_within(limits, &drawn_in(way, far)))?.unwrap_or(last);
     if trial.shown() < LEAST_SHOWN {
         return Ok(drawn_in(taken, far));
@@ -144,27 +156,43 @@ pub fn settle(
     let mut settled = drawn_in(taken, far);
     if !nearer.is_empty() {
         let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * settings.tolerance, ..*far };
-        let trial = Trial::new((scene, &windows), drawn_in(last, &with_far_ends(&strict)))?;
+        let trial = Trial::new((scene, windows), drawn_in(last, &with_far_ends(&strict)))?;
         let (share, rank) =
             if scene.has_opacities() { (SHARE_OF_OPACITIES, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
         let keeps = |ends: &RenderSettings| Ok(trial.error(rank, ends)? <= share * settings.tolerance);
         settled = first(nearer.iter().map(|ends| drawn_in(taken, ends)), keeps)?.unwrap_or(settled);
     }
     let nearer = outlines.map(|outline| RenderSettings { outline, ..settled });
-    let settled = first(nearer, |nearer| trial.is_within(limits, nearer))?.unwrap_or(settled);
-    if levels.peek().is_none() {
-        return Ok(settled);
+    Ok(first(nearer, |nearer| trial.is_within(limits, nearer))?.unwrap_or(settled))
+}
+
+/// Settles how coarse levels of detail are, one of some from the coarsest to none, beside every splat in the way that is settled.
+fn settle_levels(
+    (scene, windows): (&Scene, &[Vec<Camera>; 2]),
+    settled: &RenderSettings,
+    levels: &[f64],
+) -> Result<RenderSettings, SceneError> {
+    let drawn_with = |level_of_detail: f64| RenderSettings { level_of_detail, ..*settled };
+    let trial = Trial::new((scene, windows), drawn_with(0.0))?;
+    if trial.shown() == 0 {
+        return Ok(drawn_with(RenderSettings::default().level_of_detail));
     }
-    let trial = Trial::new((scene, &windows), RenderSettings { level_of_detail: 0.0, ..settled })?;
-    let coarser: Vec<RenderSettings> =
-        levels.map(|level_of_detail| RenderSettings { level_of_detail, ..settled }).collect();
     // Errors grow with them, and none are as good as none: a bisection.
-    let (mut from, mut to) = (0, coarser.len() - 1);
+    let (mut from, mut to) = (0, levels.len() - 1);
     while from < to {
         let middle = (from + to) / 2;
-        if trial.is_within(limits, &coarser[middle])? { to = middle } else { from = middle + 1 }
+        if trial.is_within(limits(settled), &drawn_with(levels[middle]))? {
+            to = middle;
+        } else {
+            from = middle + 1;
+        }
     }
-    Ok(coarser[to])
+    Ok(drawn_with(levels[to]))
+}
+
+/// What 99.9 % of the pixels of windows may be off by in a way, and what any.
+fn limits(settings: &RenderSettings) -> [f64; 2] {
+    [SHARE_OF_WAYS, MOST_OF_WAYS].map(|share| share * settings.tolerance)
 }
 
 /// The first of some that will do.
@@ -188,12 +216,11 @@ fn outlines(scene: &Scene, settings: &RenderSettings) -> impl Iterator<Item = f6
     OUTLINES.into_iter().filter(move |outline| is_left_open && (-0.5 * outline).exp() <= most)
 }
 
-/// How coarse the scene's levels of detail may be, from the coarsest on. Where there is a budget it decides.
-fn levels(scene: &Scene, settings: &RenderSettings) -> impl Iterator<Item = f64> + use<> {
+/// How coarse levels of detail may be, from the coarsest on; none where the scene has none, and where that is said, be it by a budget.
+fn levels(scene: &Scene, settings: &RenderSettings) -> Vec<f64> {
     let has_levels = scene.clouds.iter().any(|cloud| cloud.levels().len() > 1);
     let is_default = settings.level_of_detail == RenderSettings::default().level_of_detail;
-    let is_left_open = has_levels && is_default && settings.budget.is_none();
-    LEVELS.into_iter().filter(move |_| is_left_open)
+    if has_levels && is_default && settings.budget.is_none() { LEVELS.to_vec() } else { Vec::new() }
 }
 
 /// Settings that draw kernels to where opacities end.
