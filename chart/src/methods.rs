@@ -91,9 +91,7 @@ pub fn way(settings: &RenderSettings) -> String {
     if settings.end_share != usual.end_share {
         ends += &format!(", opacities to 1/{} of the tolerance", (1.0 / settings.end_share).round());
     }
-    if settings.level_of_detail == 0.0 {
-        ends += ", every splat";
-    } else if settings.level_of_detail != usual.level_of_detail {
+    if settings.level_of_detail > 0.0 && settings.level_of_detail != usual.level_of_detail {
         ends += &format!(", levels for filters × {}", settings.level_of_detail);
     }
     format!("{order}, {form}{ends}")

@@ -101,7 +101,7 @@ const FINER: [(Order, FootprintForm); 2] =
 /// the pixels' filter down to 0) as keeps to that, too, beside the same way with every splat, if that is what it is by default.
 ///
 /// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame. Where windows show nothing,
-/// settings stay as they are.
+/// settings stay as they are; pictures of fewer pixels than a window's are drawn in the finest way.
 ///
 /// An order or a form that is not left to the engine stays as it is; with both, all does. Kernels with opacities alone keep the
 /// order that defines them. Surfaces by themselves need no order.
@@ -141,7 +141,7 @@ fn settle_ways(
         footprint: way.1,
         ..*ends
     };
-    if others.is_empty() && nearer.is_empty() && outlines.peek().is_none() {
+    if windows[0].is_empty() || (others.is_empty() && nearer.is_empty() && outlines.peek().is_none()) {
         return Ok(drawn_in(last, far));
     }
     let trial = Trial::new((scene, windows), drawn_in(last, far))?;
@@ -173,9 +173,13 @@ fn settle_levels(
     levels: &[f64],
 ) -> Result<RenderSettings, SceneError> {
     let drawn_with = |level_of_detail: f64| RenderSettings { level_of_detail, ..*settled };
+    let usual = drawn_with(RenderSettings::default().level_of_detail);
+    if windows[0].is_empty() {
+        return Ok(usual);
+    }
     let trial = Trial::new((scene, windows), drawn_with(0.0))?;
     if trial.shown() == 0 {
-        return Ok(drawn_with(RenderSettings::default().level_of_detail));
+        return Ok(usual);
     }
     // Errors grow with them, and none are as good as none: a bisection.
     let (mut from, mut to) = (0, levels.len() - 1);

@@ -14,7 +14,7 @@ const WHOLE: u64 = 4 * (WINDOWS * WINDOW).pow(2) as u64;
 
 /// Cameras that see windows of the part of the picture that the scene may touch: each in a random place of its share of that; and as
 /// many elsewhere, for what these can't decide. A small part is one window, beside which there are no others. `None` where nothing is in
-/// the picture, and in pictures that are narrower than a window.
+/// the picture; none in pictures that are smaller than a window.
 pub(super) fn windows(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> Option<[Vec<Camera>; 2]> {
     let mut visible = Vec::new();
     // Spheres around what merged splats stand for are wider than what they show.
@@ -34,12 +34,12 @@ pub(super) fn windows(scene: &Scene, camera: &Camera, settings: &RenderSettings)
     };
     let sides = [side(0), side(1)];
     let lengths = sides.each_ref().map(|side| side.len() as u32);
-    if u64::from(lengths[0]) * u64::from(lengths[1]) <= WHOLE {
-        let corner = sides.map(|side| side.start as i32);
-        return camera.part(corner, lengths).ok().map(|whole| [vec![whole], Vec::new()]);
-    }
     let count = lengths.map(|length| (length / WINDOW).min(WINDOWS));
     let all = count[0] * count[1];
+    if all > 0 && u64::from(lengths[0]) * u64::from(lengths[1]) <= WHOLE {
+        let corner = sides.map(|side| side.start as i32);
+        return Some([camera.part(corner, lengths).into_iter().collect(), Vec::new()]);
+    }
     let corner = |number: u32, axis: usize| {
         let room = lengths[axis] - WINDOW;
         let place = [number % all / count[1], number % count[1]][axis];
@@ -49,6 +49,5 @@ pub(super) fn windows(scene: &Scene, camera: &Camera, settings: &RenderSettings)
         (sides[axis].start + (f64::from(room) * share) as u32) as i32
     };
     let window = |number: u32| camera.part([corner(number, 0), corner(number, 1)], [WINDOW; 2]).ok();
-    let windows = [0..all, all..2 * all].map(|numbers| numbers.filter_map(window).collect::<Vec<_>>());
-    (!windows[0].is_empty()).then_some(windows)
+    Some([0..all, all..2 * all].map(|numbers| numbers.filter_map(window).collect()))
 }
