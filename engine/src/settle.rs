@@ -14,6 +14,9 @@ use windows::windows;
 /// The share of the tolerance that 99.9 % of the pixels of windows may be off by in a way: they are a sample.
 const SHARE_OF_WAYS: f64 = 0.6;
 
+/// The same of levels of detail beside every splat in the way that is taken, on top of what that is off by.
+const SHARE_OF_LEVELS: f64 = 0.5;
+
 /// The share that no pixel of the first windows may be off by more than, or the way isn't taken whatever others show.
 const MOST_OF_WAYS: f64 = 2.0;
 
@@ -98,7 +101,7 @@ const FINER: [(Order, FootprintForm); 2] =
 /// - Surfels end at an [outline](RenderSettings::outline) of 5, 6.25 or 9, if it is what it is by default, where that keeps to what ways must keep to.
 ///
 /// All this is judged with every splat drawn. Last, levels of detail are as coarse ([`RenderSettings::level_of_detail`], from 8 times the width of
-/// the pixels' filter down to 0) as keeps to that, too, beside the same way with every splat, if that is what it is by default.
+/// the pixels' filter down to 0) as keeps 99.9 % of the pixels within half of the tolerance of the same way with every splat, if that is what it is by default.
 ///
 /// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame. Where windows show nothing,
 /// settings stay as they are; pictures of fewer pixels than a window's are drawn in the finest way.
@@ -148,7 +151,7 @@ fn settle_ways(
     if trial.shown() == 0 {
         return Ok(*settings);
     }
-    let limits = limits(settings);
+    let limits = limits(SHARE_OF_WAYS, settings);
     let taken = first(others.iter(), |way| trial.is_within(limits, &drawn_in(way, far)))?.unwrap_or(last);
     if trial.shown() < LEAST_SHOWN {
         return Ok(drawn_in(taken, far));
@@ -185,7 +188,7 @@ fn settle_levels(
     let (mut from, mut to) = (0, levels.len() - 1);
     while from < to {
         let middle = (from + to) / 2;
-        if trial.is_within(limits(settled), &drawn_with(levels[middle]))? {
+        if trial.is_within(limits(SHARE_OF_LEVELS, settled), &drawn_with(levels[middle]))? {
             to = middle;
         } else {
             from = middle + 1;
@@ -194,9 +197,9 @@ fn settle_levels(
     Ok(drawn_with(levels[to]))
 }
 
-/// What 99.9 % of the pixels of windows may be off by in a way, and what any.
-fn limits(settings: &RenderSettings) -> [f64; 2] {
-    [SHARE_OF_WAYS, MOST_OF_WAYS].map(|share| share * settings.tolerance)
+/// What 99.9 % of the pixels of windows may be off by, a share of the tolerance, and what any.
+fn limits(share: f64, settings: &RenderSettings) -> [f64; 2] {
+    [share, MOST_OF_WAYS].map(|share| share * settings.tolerance)
 }
 
 /// The first of some that will do.
