@@ -14,9 +14,6 @@ use windows::windows;
 /// The share of the tolerance that 99.9 % of the pixels of windows may be off by in a way: they are a sample.
 const SHARE_OF_WAYS: f64 = 0.6;
 
-/// The same of levels of detail beside every splat in the way that is taken, on top of what that is off by.
-const SHARE_OF_LEVELS: f64 = 0.5;
-
 /// The share that no pixel of the first windows may be off by more than, or the way isn't taken whatever others show.
 const MOST_OF_WAYS: f64 = 2.0;
 
@@ -98,10 +95,12 @@ const FINER: [(Order, FootprintForm); 2] =
 ///   it, if that is what it is by default. They are cut off by their opacity alone, which costs little.
 /// - Of both, extinctions end nearer first, with opacities at the share that is set, and then opacities at smaller ones; all is judged as
 ///   opacities are.
-/// - Surfels end at an [outline](RenderSettings::outline) of 5, 6.25 or 9, if it is what it is by default, where that keeps to what ways must keep to.
+/// - Surfels end at an [outline](RenderSettings::outline) of 5, 6.25 or 9, if it is what it is by default, where 99.9 % differ by at
+///   most half of it, and none by more than two tolerances.
 ///
-/// All this is judged with every splat drawn. Last, levels of detail are as coarse ([`RenderSettings::level_of_detail`], from 8 times the width of
-/// the pixels' filter down to 0) as keeps 99.9 % of the pixels within half of the tolerance of the same way with every splat, if that is what it is by default.
+/// All this is judged with every splat drawn. Last, levels of detail are as coarse ([`RenderSettings::level_of_detail`], from 8 times the
+/// width of the pixels' filter down to 0), if that is what it is by default, as the picture, with all that is settled before them, keeps to
+/// what ways must keep to.
 ///
 /// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame. Where windows show nothing,
 /// settings stay as they are; pictures of fewer pixels than a window's are drawn in the finest way.
@@ -123,83 +122,45 @@ pub fn settle(
     }
     let Some(windows) = windows(scene, camera, settings) else { return Ok(*settings) };
     let levels = levels(scene, settings);
-    if levels.is_empty() {
-        return settle_ways((scene, &windows), settings);
-    }
-    let every_splat = RenderSettings { level_of_detail: 0.0, ..*settings };
-    let settled = settle_ways((scene, &windows), &every_splat)?;
-    settle_levels((scene, &windows), &settled, &levels)
-}
-
-/// Settles all but levels of detail.
-fn settle_ways(
-    (scene, windows): (&Scene, &[Vec<Camera>; 2]),
-    settings: &RenderSettings,
-) -> Result<RenderSettings, SceneError> {
-    let (ways, ends) = (ways(scene, settings), ends(scene, settings));
-    let mut outlines = outlines(scene, settings).peekable();
+    // All but levels is judged with every splat.
+    let level_of_detail = if levels.is_empty() { settings.level_of_detail } else { 0.0 };
+    let open = RenderSettings { level_of_detail, ..*settings };
+    let (ways, ends) = (ways(scene, &open), ends(scene, &open));
+    let mut outlines = outlines(scene, &open).peekable();
     let ([others @ .., last], [nearer @ .., far]) = (&ways[..], &ends[..]) else { return Ok(*settings) };
     let drawn_in = |way: &(Order, FootprintForm), ends: &RenderSettings| RenderSettings {
         order: way.0,
         footprint: way.1,
         ..*ends
     };
-    if windows[0].is_empty() || (others.is_empty() && nearer.is_empty() && outlines.peek().is_none()) {
-        return Ok(drawn_in(last, far));
+    let nothing_else =
+        others.is_empty() && nearer.is_empty() && outlines.peek().is_none() && levels.is_empty();
+    if windows[0].is_empty() || nothing_else {
+        return Ok(RenderSettings { level_of_detail: settings.level_of_detail, ..drawn_in(last, far) });
     }
-    let trial = Trial::new((scene, windows), drawn_in(last, far))?;
+    let trial = Trial::new((scene, &windows), drawn_in(last, far))?;
     if trial.shown() == 0 {
         return Ok(*settings);
     }
-    let limits = limits(SHARE_OF_WAYS, settings);
-    let taken = first(others.iter(), |way| trial.is_within(limits, &drawn_in(way, far)))?.unwrap_or(last);
-    if trial.shown() < LEAST_SHOWN {
-        return Ok(drawn_in(taken, far));
-    }
+    let limits = |share: f64| [share, MOST_OF_WAYS].map(|share| share * settings.tolerance);
+    let keeps = |found: &RenderSettings| trial.is_within(limits(SHARE_OF_WAYS), found);
+    let taken = first(others.iter(), |way| keeps(&drawn_in(way, far)))?.unwrap_or(last);
     let mut settled = drawn_in(taken, far);
-    if !nearer.is_empty() {
-        let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * settings.tolerance, ..*far };
-        let trial = Trial::new((scene, windows), drawn_in(last, &with_far_ends(&strict)))?;
-        let (share, rank) =
-            if scene.has_opacities() { (SHARE_OF_OPACITIES, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
-        let keeps = |ends: &RenderSettings| Ok(trial.error(rank, ends)? <= share * settings.tolerance);
-        settled = first(nearer.iter().map(|ends| drawn_in(taken, ends)), keeps)?.unwrap_or(settled);
-    }
-    let nearer = outlines.map(|outline| RenderSettings { outline, ..settled });
-    Ok(first(nearer, |nearer| trial.is_within(limits, nearer))?.unwrap_or(settled))
-}
-
-/// Settles how coarse levels of detail are, one of some from the coarsest to none, beside every splat in the way that is settled.
-fn settle_levels(
-    (scene, windows): (&Scene, &[Vec<Camera>; 2]),
-    settled: &RenderSettings,
-    levels: &[f64],
-) -> Result<RenderSettings, SceneError> {
-    let drawn_with = |level_of_detail: f64| RenderSettings { level_of_detail, ..*settled };
-    let usual = drawn_with(RenderSettings::default().level_of_detail);
-    if windows[0].is_empty() {
-        return Ok(usual);
-    }
-    let trial = Trial::new((scene, windows), drawn_with(0.0))?;
-    if trial.shown() == 0 {
-        return Ok(usual);
-    }
-    // Errors grow with them, and none are as good as none: a bisection.
-    let (mut from, mut to) = (0, levels.len() - 1);
-    while from < to {
-        let middle = (from + to) / 2;
-        if trial.is_within(limits(SHARE_OF_LEVELS, settled), &drawn_with(levels[middle]))? {
-            to = middle;
-        } else {
-            from = middle + 1;
+    if trial.shown() >= LEAST_SHOWN {
+        if !nearer.is_empty() {
+            let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * settings.tolerance, ..*far };
+            let trial = Trial::new((scene, &windows), drawn_in(last, &with_far_ends(&strict)))?;
+            let (share, rank) =
+                if scene.has_opacities() { (SHARE_OF_OPACITIES, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
+            let keeps = |ends: &RenderSettings| Ok(trial.error(rank, ends)? <= share * settings.tolerance);
+            settled = first(nearer.iter().map(|ends| drawn_in(taken, ends)), keeps)?.unwrap_or(settled);
         }
+        let nearer = outlines.map(|outline| RenderSettings { outline, ..settled });
+        let keeps = |found: &RenderSettings| trial.is_within(limits(SHARE_OF_ENDS), found);
+        settled = first(nearer, keeps)?.unwrap_or(settled);
     }
-    Ok(drawn_with(levels[to]))
-}
-
-/// What 99.9 % of the pixels of windows may be off by, a share of the tolerance, and what any.
-fn limits(share: f64, settings: &RenderSettings) -> [f64; 2] {
-    [share, MOST_OF_WAYS].map(|share| share * settings.tolerance)
+    let coarser = levels.into_iter().map(|level_of_detail| RenderSettings { level_of_detail, ..settled });
+    Ok(first(coarser, keeps)?.unwrap_or(settled))
 }
 
 /// The first of some that will do.
