@@ -39,8 +39,8 @@ const END_SHARES: [f64; 5] = [1.0 / 4.0, 1.0 / 8.0, 1.0 / 16.0, 1.0 / 32.0, 1.0 
 const OUTLINES: [f64; 3] = [5.0, 6.25, 9.0];
 
 /// How much wider than it is the pixels' filter may count for levels of detail, from the quickest on: what makes them differ is fitted to
-/// many scenes, and some ask for less and some for more. With 0 every splat is drawn.
-const LEVELS: [f64; 10] = [8.0, 5.6, 4.0, 2.8, 2.0, 1.4, 1.0, 0.5, 0.25, 0.0];
+/// many scenes, and some ask for less and some for more. Else every splat is drawn.
+const LEVELS: [f64; 9] = [8.0, 5.6, 4.0, 2.8, 2.0, 1.4, 1.0, 0.5, 0.25];
 
 /// Fewer pixels that show anything tell nothing of where splats may end.
 const LEAST_SHOWN: usize = 100;
@@ -159,8 +159,18 @@ pub fn settle(
         let keeps = |found: &RenderSettings| trial.is_within(limits(SHARE_OF_ENDS), found);
         settled = first(nearer, keeps)?.unwrap_or(settled);
     }
-    let coarser = levels.into_iter().map(|level_of_detail| RenderSettings { level_of_detail, ..settled });
-    Ok(first(coarser, keeps)?.unwrap_or(settled))
+    let merged = |level_of_detail: &f64| RenderSettings { level_of_detail: *level_of_detail, ..settled };
+    // Errors grow with how coarse levels are: a bisection.
+    let (mut from, mut to) = (0, levels.len());
+    while from < to {
+        let middle = (from + to) / 2;
+        if keeps(&merged(&levels[middle]))? {
+            to = middle;
+        } else {
+            from = middle + 1;
+        }
+    }
+    Ok(levels.get(to).map_or(settled, merged))
 }
 
 /// The first of some that will do.
