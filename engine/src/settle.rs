@@ -100,7 +100,7 @@ const FINER: [(Order, FootprintForm); 2] =
 ///
 /// All this is judged with every splat drawn. Last, levels of detail are as coarse ([`RenderSettings::level_of_detail`], from 8 times the
 /// width of the pixels' filter down to 0), if that is what it is by default, as the picture, with all that is settled before them, keeps to
-/// what ways must keep to.
+/// what ways must keep to; where they may be coarser with surfels that end where they are set to, these do.
 ///
 /// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame. Where windows show nothing,
 /// settings stay as they are; pictures of fewer pixels than a window's are drawn in the finest way.
@@ -146,31 +146,32 @@ pub fn settle(
     let keeps = |found: &RenderSettings| trial.is_within(limits(SHARE_OF_WAYS), found);
     let taken = first(others.iter(), |way| keeps(&drawn_in(way, far)))?.unwrap_or(last);
     let mut settled = drawn_in(taken, far);
+    if trial.shown() >= LEAST_SHOWN && !nearer.is_empty() {
+        let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * settings.tolerance, ..*far };
+        let trial = Trial::new((scene, &windows), drawn_in(last, &with_far_ends(&strict)))?;
+        let (share, rank) =
+            if scene.has_opacities() { (SHARE_OF_OPACITIES, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
+        let keeps = |ends: &RenderSettings| Ok(trial.error(rank, ends)? <= share * settings.tolerance);
+        settled = first(nearer.iter().map(|ends| drawn_in(taken, ends)), keeps)?.unwrap_or(settled);
+    }
+    let mut outlined = vec![settled];
     if trial.shown() >= LEAST_SHOWN {
-        if !nearer.is_empty() {
-            let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * settings.tolerance, ..*far };
-            let trial = Trial::new((scene, &windows), drawn_in(last, &with_far_ends(&strict)))?;
-            let (share, rank) =
-                if scene.has_opacities() { (SHARE_OF_OPACITIES, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
-            let keeps = |ends: &RenderSettings| Ok(trial.error(rank, ends)? <= share * settings.tolerance);
-            settled = first(nearer.iter().map(|ends| drawn_in(taken, ends)), keeps)?.unwrap_or(settled);
-        }
         let nearer = outlines.map(|outline| RenderSettings { outline, ..settled });
         let keeps = |found: &RenderSettings| trial.is_within(limits(SHARE_OF_ENDS), found);
-        settled = first(nearer, keeps)?.unwrap_or(settled);
+        outlined.splice(0..0, first(nearer, keeps)?);
     }
-    let merged = |level_of_detail: &f64| RenderSettings { level_of_detail: *level_of_detail, ..settled };
-    // Errors grow with how coarse levels are: a bisection.
+    // Levels save more than outlines. Errors grow with how coarse they are: a bisection.
+    let mut settled = outlined[0];
     let (mut from, mut to) = (0, levels.len());
     while from < to {
         let middle = (from + to) / 2;
-        if keeps(&merged(&levels[middle]))? {
-            to = middle;
-        } else {
-            from = middle + 1;
+        let merged = outlined.iter().map(|ends| RenderSettings { level_of_detail: levels[middle], ..*ends });
+        match first(merged, keeps)? {
+            Some(found) => (settled, to) = (found, middle),
+            None => from = middle + 1,
         }
     }
-    Ok(levels.get(to).map_or(settled, merged))
+    Ok(settled)
 }
 
 /// The first of some that will do.
