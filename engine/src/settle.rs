@@ -39,7 +39,8 @@ const END_SHARES: [f64; 5] = [1.0 / 4.0, 1.0 / 8.0, 1.0 / 16.0, 1.0 / 32.0, 1.0 
 const OUTLINES: [f64; 3] = [5.0, 6.25, 9.0];
 
 /// How much wider than it is the pixels' filter may count for levels of detail, from the quickest on: what makes them differ is fitted to
-/// many scenes, and some ask for less and some for more. Else every splat is drawn.
+/// many scenes, and some ask for less and some for more. Else every splat is drawn. Every second one is tried, then the one before the first
+/// that will do: errors grow with them, but not always.
 const LEVELS: [f64; 9] = [8.0, 5.6, 4.0, 2.8, 2.0, 1.4, 1.0, 0.5, 0.25];
 
 /// Fewer pixels that show anything tell nothing of where splats may end.
@@ -160,18 +161,17 @@ pub fn settle(
         let keeps = |found: &RenderSettings| trial.is_within(limits(SHARE_OF_ENDS), found);
         outlined.splice(0..0, first(nearer, keeps)?);
     }
-    // Levels save more than outlines. Errors grow with how coarse they are: a bisection.
-    let mut settled = outlined[0];
-    let (mut from, mut to) = (0, levels.len());
-    while from < to {
-        let middle = (from + to) / 2;
-        let merged = outlined.iter().map(|ends| RenderSettings { level_of_detail: levels[middle], ..*ends });
-        match first(merged, keeps)? {
-            Some(found) => (settled, to) = (found, middle),
-            None => from = middle + 1,
+    // Levels save more than outlines.
+    let merged = |level_of_detail: f64| {
+        first(outlined.iter().map(|ends| RenderSettings { level_of_detail, ..*ends }), keeps)
+    };
+    for (number, level_of_detail) in levels.iter().enumerate().step_by(2) {
+        if let Some(found) = merged(*level_of_detail)? {
+            let coarser = number.checked_sub(1).map(|number| merged(levels[number])).transpose()?;
+            return Ok(coarser.flatten().unwrap_or(found));
         }
     }
-    Ok(settled)
+    Ok(outlined[0])
 }
 
 /// The first of some that will do.
