@@ -97,7 +97,7 @@ const FINER: [(Order, FootprintForm); 2] =
 /// - Of both, extinctions end nearer first, with opacities at the share that is set, and then opacities at smaller ones; all is judged as
 ///   opacities are.
 /// - Surfels end at an [outline](RenderSettings::outline) of 5, 6.25 or 9, if it is what it is by default, where 99.9 % differ by at
-///   most half of it, and none by more than two tolerances.
+///   most half of it.
 ///
 /// All this is judged with every splat drawn. Last, levels of detail are as coarse ([`RenderSettings::level_of_detail`], from 8 times the
 /// width of the pixels' filter down to 0), if that is what it is by default, as the picture, with all that is settled before them, keeps to
