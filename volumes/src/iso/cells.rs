@@ -3,6 +3,7 @@
 use oblate_engine::simd::Level;
 
 use super::columns::Columns;
+use super::crossed::{Crossed, Sides};
 use super::ends::Ends;
 use super::hierarchy::{Hierarchy, SIDE};
 use super::lanes::*;
@@ -10,9 +11,9 @@ use super::polygon::Geometry;
 use super::sheets::{FACE_CORNERS, SHEETS};
 use super::slab::{Scalar, Slab};
 use super::spline::coefficients;
-use super::stencil::Group;
-use super::surfel::{Interpolation, add_group};
-use super::window::{HALO, ROW, Window};
+use super::stencil::{Batch, REGISTERS};
+use super::surfel::{Interpolation, add_batch};
+use super::window::{HALO, Window};
 
 /// What every block needs to know.
 #[derive(Clone, Copy)]
@@ -39,9 +40,12 @@ impl<'a, T> Search<'a, T> {
 
 /// What a thread keeps from one block to the next.
 pub(super) struct Scratch {
+    bricks: Vec<[usize; 3]>,
     window: Window,
-    splines: [Window; 2],
-    group: Box<Group>,
+    splines: Option<[Window; 2]>,
+    sides: Box<Sides>,
+    crossed: Box<Crossed>,
+    batch: Box<Batch>,
     pub(super) surfels: Columns,
     pub(super) ends: Ends,
 }
@@ -49,9 +53,12 @@ pub(super) struct Scratch {
 impl Scratch {
     pub(super) fn new() -> Self {
         Self {
+            bricks: Vec::new(),
             window: Window::default(),
-            splines: [Window::default(), Window::default()],
-            group: Box::new(Group::new()),
+            splines: None,
+            sides: Box::default(),
+            crossed: Box::default(),
+            batch: Box::new(Batch::new()),
             surfels: Columns::default(),
             ends: Ends::default(),
         }
@@ -62,70 +69,65 @@ impl Scratch {
     pub(super) fn block<S: Simd, T: Scalar>(&mut self, simd: S, search: &Search<'_, T>, block: [usize; 3]) {
         self.surfels.clear();
         self.ends = Ends::default();
-        for base in search.hierarchy.bricks(block, search.value) {
-            self.brick(simd, search, base);
+        self.bricks.clear();
+        self.bricks.extend(search.hierarchy.bricks(block, search.value));
+        let bricks = std::mem::take(&mut self.bricks);
+        let are_near = |a: &[usize; 3], b: &[usize; 3]| (0..3).all(|axis| a[axis] / PART == b[axis] / PART);
+        for near in bricks.chunk_by(are_near) {
+            let part = Part::of(near, search.slab.dims);
+            self.load(simd, search, &part);
+            for brick in near {
+                self.brick(simd, search, &part, *brick);
+            }
         }
+        self.bricks = bricks;
         self.flush(simd, search);
     }
 
     #[inline(always)]
+    fn load<S: Simd, T: Scalar>(&mut self, simd: S, search: &Search<'_, T>, part: &Part) {
+        let is_cubic = search.interpolation == Interpolation::Tricubic;
+        let halo = if is_cubic { HALO } else { 1 };
+        self.window.load(simd, (search.slab, search.value), (part, halo), &mut self.sides);
+        if is_cubic {
+            let [from, to] = self.splines.get_or_insert_default();
+            coefficients(&self.window, [from, to]);
+        } else {
+            self.window.extend(part, search.slab.dims);
+        }
+        self.ends.has_gaps |= self.crossed.find(&self.sides, part);
+    }
+
+    #[inline(always)]
     fn flush<S: Simd, T>(&mut self, simd: S, search: &Search<'_, T>) {
-        if self.group.len > 0 {
-            add_group(simd, &self.group, (search.geometry, search.interpolation), &mut self.surfels);
-            self.group.len = 0;
+        if self.batch.len > 0 {
+            add_batch(simd, &self.batch, (search.geometry, search.interpolation), &mut self.surfels);
+            self.batch.len = 0;
         }
     }
 
     #[inline(always)]
-    fn brick<S: Simd, T: Scalar>(&mut self, simd: S, search: &Search<'_, T>, base: [usize; 3]) {
-        let is_cubic = search.interpolation == Interpolation::Tricubic;
-        self.window.load(search.slab, base, (search.value, if is_cubic { HALO } else { 1 }));
-        if is_cubic {
-            let [from, to] = &mut self.splines;
-            coefficients(&self.window, [from, to]);
-        }
+    fn brick<S: Simd, T: Scalar>(&mut self, simd: S, search: &Search<'_, T>, part: &Part, brick: [usize; 3]) {
         let dims = search.slab.dims;
-        // Cells along each axis, and bits of those along x.
-        let cells = [0, 1, 2].map(|axis| SIDE.min(dims[axis] - 1 - base[axis]));
-        let is_at_border = (0..3).any(|axis| base[axis] == 0 || base[axis] + cells[axis] + 1 == dims[axis]);
-        let there = (1_u32 << cells[0]) - 1;
-        let mut sides = [[0_u32; SIDE + 1]; SIDE + 1];
-        for (k, plane) in sides.iter_mut().enumerate() {
-            for (j, sides) in plane.iter_mut().enumerate() {
-                *sides = sides_of(simd, self.window.row(j, k));
-            }
-        }
-        // The four rows of samples around cells, and which of the cells are crossed.
-        let rows_of =
-            |j: usize, k: usize| [sides[k][j], sides[k][j + 1], sides[k + 1][j], sides[k + 1][j + 1]];
-        let crossed = |j: usize, k: usize| {
-            if j >= cells[1] || k >= cells[2] {
-                return 0;
-            }
-            let any = rows_of(j, k).into_iter().fold(0, |any, row| any | row);
-            let any = any | any >> 1;
-            any & any >> OUTSIDE & there
-        };
+        let is_at_border = (0..3).any(|axis| brick[axis] == 0 || brick[axis] + SIDE + 1 >= dims[axis]);
+        let in_part = [0, 1, 2].map(|axis| brick[axis] - part.base[axis]);
         let sheets_of = &*SHEETS;
         // Four rows of cells at a time, cubes of 2×2×2 one after the other: neighbours stay together.
-        let pairs = |axis: usize| (0..cells[axis]).step_by(2);
-        for [j, k] in pairs(2).flat_map(|k| pairs(1).map(move |j| [j, k])) {
-            let row = |number: usize| by_pairs(crossed(j + (number & 1), k + (number >> 1))) << (2 * number);
-            let mut cubes = row(0) | row(1) | row(2) | row(3);
+        for pair in 0..SIDE * SIDE / 4 {
+            let [j, k] = [in_part[1] + pair % (SIDE / 2) * 2, in_part[2] + pair / (SIDE / 2) * 2];
+            let mut cubes = self.crossed.cubes(in_part[0] / SIDE, [j, k]);
             while cubes != 0 {
                 let bit = cubes.trailing_zeros() as usize;
                 cubes &= cubes - 1;
-                let local = [bit / 8 * 2 + bit % 2, j + bit / 2 % 2, k + bit / 4 % 2];
-                let [inside, outside] = corners(rows_of(local[1], local[2]), local[0]);
-                let index = [0, 1, 2].map(|axis| base[axis] + local[axis]);
-                if inside | outside != 0xff {
-                    self.ends.has_gaps = true;
-                    continue;
-                }
+                let local = [in_part[0] + bit / 8 * 2 + bit % 2, j + bit / 2 % 2, k + bit / 4 % 2];
+                let inside = self.sides.corners(local);
+                let index = [0, 1, 2].map(|axis| part.base[axis] + local[axis]);
                 if is_at_border {
-                    self.ends.faces |= faces_crossed([inside, outside], index, dims);
+                    self.ends.faces |= faces_crossed(inside, index, dims);
                 }
-                for sheet in sheets_of[usize::from(inside)] {
+                let [first, others @ ..] = sheets_of[usize::from(inside)];
+                self.sheet(simd, search, (local, index, first));
+                for sheet in others {
                     if sheet == 0 {
                         break;
                     }
@@ -143,54 +145,51 @@ impl Scratch {
         (local, index, sheet): ([usize; 3], [usize; 3], u8),
     ) {
         if let Some(around) = self.window.around(local) {
-            self.group.push(around, index, sheet);
+            self.batch.push(around, index, sheet);
         }
         if search.interpolation == Interpolation::Tricubic
-            && let Some(around) = self.splines[1].around(local)
+            && let Some(around) = self.splines.as_ref().and_then(|splines| splines[1].around(local))
         {
-            self.group.push_coefficients(around);
+            self.batch.push_coefficients(around);
         }
-        if self.group.len == F::<S>::LEN {
+        if self.batch.len == REGISTERS * F::<S>::LEN {
             self.flush(simd, search);
         }
     }
 }
 
-/// The first bit of samples that are outside, where those that are inside begin at bit 0.
-const OUTSIDE: u32 = 16;
+/// The most cells of a part along an axis: its samples stay near the processor, and few lie around them.
+pub(super) const PART: usize = 2 * SIDE;
 
-/// Which samples of a row are inside, and which outside, from the brick's first on as bits; those that are missing are neither.
-#[inline(always)]
-fn sides_of<S: Simd>(simd: S, row: &[f32; ROW]) -> u32 {
-    let zero = splat(simd, 0.0);
-    let [mut inside, mut outside] = [0_u64; 2];
-    for (number, values) in row.chunks_exact(F::<S>::LEN).enumerate() {
-        let values = F::<S>::from_slice(simd, values);
-        inside |= values.simd_ge(zero).to_bitmask() << (number * F::<S>::LEN);
-        outside |= values.simd_lt(zero).to_bitmask() << (number * F::<S>::LEN);
+/// What is loaded at once: the least box around those of 2×2×2 bricks that a surface may be in.
+pub(super) struct Part {
+    /// Its first sample.
+    pub(super) base: [usize; 3],
+    /// Cells along each axis, at most [`PART`].
+    pub(super) cells: [usize; 3],
+}
+
+impl Part {
+    /// Of bricks, by their first samples.
+    fn of(bricks: &[[usize; 3]], dims: [usize; 3]) -> Self {
+        let [base, last] = [usize::min, usize::max].map(|end: fn(usize, usize) -> usize| {
+            let ends = bricks.iter().copied().reduce(|a, b| [0, 1, 2].map(|axis| end(a[axis], b[axis])));
+            ends.unwrap_or_default()
+        });
+        let cells = [0, 1, 2].map(|axis| (last[axis] + SIDE).min(dims[axis] - 1) - base[axis]);
+        Self { base, cells }
     }
-    let own = (1 << (SIDE + 1)) - 1;
-    (inside >> HALO) as u32 & own | ((outside >> HALO) as u32 & own) << OUTSIDE
-}
-
-/// A row of eight bits in pairs that are eight bits apart.
-fn by_pairs(row: u32) -> u32 {
-    row & 0x3 | (row & 0xc) << 6 | (row & 0x30) << 12 | (row & 0xc0) << 18
-}
-
-/// Which corners of a cell are inside, and which outside, from its rows of samples.
-fn corners(rows: [u32; 4], column: usize) -> [u8; 2] {
-    let pair = |row: u32| row >> column & (3 | 3 << OUTSIDE);
-    let corners = pair(rows[0]) | pair(rows[1]) << 2 | pair(rows[2]) << 4 | pair(rows[3]) << 6;
-    [corners as u8, (corners >> OUTSIDE) as u8]
 }
 
 /// The faces of the grid at which a surface leaves it through a cell.
-fn faces_crossed([inside, outside]: [u8; 2], index: [usize; 3], dims: [usize; 3]) -> u8 {
+#[inline(always)]
+fn faces_crossed(inside: u8, index: [usize; 3], dims: [usize; 3]) -> u8 {
+    let at_border = |axis: usize| [index[axis] == 0, index[axis] + 2 == dims[axis]];
+    if (0..3).all(|axis| at_border(axis) == [false; 2]) {
+        return 0;
+    }
     let is_crossed = |face: &usize| {
-        let axis = face / 2;
-        let at_border = [index[axis] == 0, index[axis] + 2 == dims[axis]];
-        at_border[face % 2] && inside & FACE_CORNERS[*face] != 0 && outside & FACE_CORNERS[*face] != 0
+        at_border(face / 2)[face % 2] && ![0, FACE_CORNERS[*face]].contains(&(inside & FACE_CORNERS[*face]))
     };
     (0..6).filter(is_crossed).fold(0, |faces, face| faces | 1 << face)
 }

@@ -1,7 +1,7 @@
 //! Fields between samples, in the coordinates of a cell.
 
 use super::lanes::*;
-use super::stencil::{Group, columns};
+use super::stencil::{Batch, columns};
 
 /// A field in each lane.
 pub(super) trait Interpolant<S: Simd> {
@@ -11,6 +11,7 @@ pub(super) trait Interpolant<S: Simd> {
 
 /// The trilinear interpolant of the values at a cell's corners, as the polynomial that it is: a constant, the factors of x, y, z,
 /// of yz, zx, xy, and of xyz.
+#[derive(Clone, Copy)]
 pub(super) struct Trilinear<S: Simd> {
     constant: F<S>,
     linear: F3<S>,
@@ -49,12 +50,12 @@ pub(super) struct Tricubic<S: Simd> {
 }
 
 impl<S: Simd> Tricubic<S> {
-    /// Of a group's coefficients times a factor.
+    /// Of the coefficients of a register's cells times a factor.
     #[inline(always)]
-    pub(super) fn new(simd: S, group: &Group, factor: F<S>) -> Self {
+    pub(super) fn new(simd: S, batch: &Batch, register: usize, factor: F<S>) -> Self {
         let mut coefficients = [[splat(simd, 0.0); 4]; 16];
-        for (to, row) in coefficients.iter_mut().zip(&group.coefficients) {
-            *to = columns(simd, row);
+        for (to, row) in coefficients.iter_mut().zip(&batch.coefficients) {
+            *to = columns(simd, row, register);
             for coefficient in to {
                 *coefficient *= factor;
             }

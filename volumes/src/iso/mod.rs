@@ -1,13 +1,14 @@
 //! Volumes to surfels of the surface at a value.
 //!
 //! An [`IsoExtractor`] knows the smallest and largest values in bricks of a volume and finds the surfels at one value after
-//! another; [`iso_surfels`] makes one, and a cloud, of one value. From a brick to surfels: `window` has its samples as
-//! numbers above the value; `cells` finds cells with samples on both sides, and `sheets` what goes through each; `stencil` puts what is
-//! around a cell beside that of others, so that from there on cells are as many as lanes of SIMD; `polygon` has areas,
+//! another; [`iso_surfels`] makes one, and a cloud, of one value. From bricks to surfels: `window` has the samples of up to eight as
+//! numbers above the value; `crossed` tells which cells have samples on both sides, `cells` goes through them, and `sheets` says what goes through each; `stencil` puts what is
+//! around a cell beside that of others, so that from there on cells are as many as lanes of SIMD, four registers of them; `polygon` has areas,
 //! `interpolant` and `descent` places, `surfel` normals and half-axes.
 
 mod cells;
 mod columns;
+mod crossed;
 mod descent;
 mod ends;
 mod extractor;

@@ -22,6 +22,7 @@ pub(super) struct Geometry {
 }
 
 /// See the module.
+#[derive(Clone, Copy)]
 pub(super) struct Polygon<S: Simd> {
     /// By area, in cell coordinates.
     pub(super) centroid: F3<S>,
@@ -30,6 +31,16 @@ pub(super) struct Polygon<S: Simd> {
     pub(super) vector_area: F3<S>,
     /// Of its points about the centroid in cell coordinates, by their area in the world: xx, yy, zz, yz, zx, xy.
     pub(super) covariance: [F<S>; 6],
+}
+
+impl<S: Simd> Polygon<S> {
+    /// A point, which is none.
+    #[inline(always)]
+    pub(super) fn new(simd: S) -> Self {
+        let zero = splat(simd, 0.0);
+        let nowhere = [zero; 3];
+        Self { centroid: nowhere, area: zero, vector_area: nowhere, covariance: [zero; 6] }
+    }
 }
 
 /// Which edges are crossed, and where: by axis, and by whether they are upper along the next axis (1) and the one after (2).
@@ -207,7 +218,8 @@ pub(super) fn polygon<S: Simd>(
     sums.add_face::<1, 1>(simd, geometry, &crossings);
     sums.add_face::<2, 0>(simd, geometry, &crossings);
     sums.add_face::<2, 1>(simd, geometry, &crossings);
-    let share = reciprocal(simd, sums.area);
+    // Of a polygon without an area, too, all numbers are finite.
+    let share = reciprocal(simd, sums.area.max(splat(simd, 1e-30)));
     let offset = scale::<S>(sums.first, share * (1.0 / 3.0));
     let twelfth = share * (1.0 / 12.0);
     let mut covariance = sums.second;

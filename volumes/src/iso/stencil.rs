@@ -1,4 +1,4 @@
-//! The samples around cells, those of as many cells as there are lanes.
+//! The samples around cells, those of as many cells as four registers have lanes.
 
 use super::lanes::*;
 use super::window::{SPAN, STRIDES};
@@ -20,30 +20,35 @@ const ROW_AT: [usize; 16] = {
     table
 };
 
+/// Registers of sheets that go through each stage together: the next one's numbers are on their way while one's wait for each other.
+pub(super) const REGISTERS: usize = 4;
+/// The most sheets of a batch.
+const MOST: usize = REGISTERS * MOST_LANES;
+
 /// The four numbers of a row for each cell.
-type Row = [[f32; 4]; MOST_LANES];
+type Row = [[f32; 4]; MOST];
 
 /// Sheets in cells, each with the samples around its cell.
 #[repr(align(64))]
-pub(super) struct Group {
+pub(super) struct Batch {
     pub(super) samples: [Row; 12],
     /// Coefficients of a spline, by y + 4 z, where there is one.
     pub(super) coefficients: [Row; 16],
     /// The cells' lowest corners, in samples of the grid.
-    pub(super) cells: [[u32; MOST_LANES]; 3],
+    pub(super) cells: [[u32; MOST]; 3],
     /// The corners inside each sheet, as bits.
-    pub(super) sheets: [u32; MOST_LANES],
+    pub(super) sheets: [u32; MOST],
     pub(super) len: usize,
 }
 
-impl Group {
+impl Batch {
     pub(super) fn new() -> Self {
         Self {
-            samples: [[[0.0; 4]; MOST_LANES]; 12],
-            coefficients: [[[0.0; 4]; MOST_LANES]; 16],
-            cells: [[0; MOST_LANES]; 3],
+            samples: [[[0.0; 4]; MOST]; 12],
+            coefficients: [[[0.0; 4]; MOST]; 16],
+            cells: [[0; MOST]; 3],
             // Of cells that are not there, some that are sure to be well-behaved.
-            sheets: [1; MOST_LANES],
+            sheets: [1; MOST],
             len: 0,
         }
     }
@@ -51,7 +56,7 @@ impl Group {
     /// Adds a sheet of a cell, where there is room.
     #[inline(always)]
     pub(super) fn push(&mut self, around: &[f32; SPAN], cell: [usize; 3], sheet: u8) {
-        let lane = self.len % MOST_LANES;
+        let lane = self.len % MOST;
         for (row, [y, z]) in self.samples.iter_mut().zip(ROWS) {
             row[lane] = row_at(around, y, z);
         }
@@ -65,19 +70,19 @@ impl Group {
     /// Adds the spline's coefficients around the cell that was added last.
     #[inline(always)]
     pub(super) fn push_coefficients(&mut self, around: &[f32; SPAN]) {
-        let lane = (self.len + MOST_LANES - 1) % MOST_LANES;
+        let lane = (self.len + MOST - 1) % MOST;
         for (number, row) in self.coefficients.iter_mut().enumerate() {
             row[lane] = row_at(around, number % 4, number / 4);
         }
     }
 
-    /// Central differences at the corners of one lane's cell, interpolated at p: where samples are missing, as
+    /// Central differences at the corners of one cell, interpolated at p: where samples are missing, as
     /// [`difference`] has it.
     #[cold]
-    fn careful_differences(&self, lane: usize, p: [f32; 3]) -> [f32; 3] {
+    fn careful_differences(&self, number: usize, p: [f32; 3]) -> [f32; 3] {
         let at = |[x, y, z]: [usize; 3]| match ROW_AT[y + 4 * z] {
             usize::MAX => f32::NAN,
-            row => self.samples[row][lane][x],
+            row => self.samples[row][number][x],
         };
         let mut sum = [0.0; 3];
         for corner in 0..8 {
@@ -101,11 +106,11 @@ fn row_at(around: &[f32; SPAN], y: usize, z: usize) -> [f32; 4] {
     [around[first], around[first + 1], around[first + 2], around[first + 3]]
 }
 
-/// Four numbers of each cell as four vectors.
+/// Four numbers of each cell of a register as four vectors.
 #[inline(always)]
-pub(super) fn columns<S: Simd>(simd: S, row: &Row) -> [F<S>; 4] {
+pub(super) fn columns<S: Simd>(simd: S, row: &Row, register: usize) -> [F<S>; 4] {
     let n = F::<S>::LEN;
-    let numbers = row.as_flattened();
+    let numbers = &row.as_flattened()[4 * n * register..][..4 * n];
     let [a, b, c, d] = [
         F::<S>::from_slice(simd, &numbers[..n]),
         F::<S>::from_slice(simd, &numbers[n..2 * n]),
@@ -121,49 +126,47 @@ pub(super) fn columns<S: Simd>(simd: S, row: &Row) -> [F<S>; 4] {
     ]
 }
 
-/// The values at the cells' corners.
+/// The values at the corners of a register's cells.
 #[inline(always)]
-pub(super) fn corners<S: Simd>(simd: S, group: &Group) -> [F<S>; 8] {
-    let [a, b, c, d] = [
-        columns(simd, &group.samples[0]),
-        columns(simd, &group.samples[1]),
-        columns(simd, &group.samples[2]),
-        columns(simd, &group.samples[3]),
-    ];
+pub(super) fn corners<S: Simd>(simd: S, batch: &Batch, register: usize) -> [F<S>; 8] {
+    let [a, b, c, d] = [0, 1, 2, 3].map(|row| columns(simd, &batch.samples[row], register));
     [a[1], a[2], b[1], b[2], c[1], c[2], d[1], d[2]]
 }
 
-/// The grid's differences at the cells' corners, interpolated at `p`: gradients per sample step.
+/// The grid's differences at the corners of a register's cells, interpolated at `p`: gradients per sample step.
 #[inline(always)]
-pub(super) fn differences<S: Simd>(simd: S, group: &Group, p: F3<S>) -> F3<S> {
+pub(super) fn differences<S: Simd>(simd: S, batch: &Batch, register: usize, p: F3<S>) -> F3<S> {
     let one = splat(simd, 1.0);
     let q = [one - p[0], one - p[1], one - p[2]];
-    // Differences at the two corners along an axis, weighted, are sums of four samples along it.
-    let along_y = [-q[1], -p[1], q[1], p[1]];
-    let along_z = [-q[2], -p[2], q[2], p[2]];
-    let (weights_y, weights_z) = ([q[1], p[1]], [q[2], p[2]]);
-    let mut sum = [splat(simd, 0.0); 3];
-    for (number, row) in group.samples.iter().enumerate() {
-        let [y, z] = ROWS[number];
-        let [before, low, high, after] = columns(simd, row);
-        let middle = q[0].mul_add(low, p[0] * high);
-        if number < 4 {
-            let slope = q[0].mul_add(high - before, p[0] * (after - low));
-            sum[0] = (weights_y[y - 1] * weights_z[z - 1]).mul_add(slope, sum[0]);
-        }
-        if number < 8 {
-            sum[1] = (along_y[y] * weights_z[z - 1]).mul_add(middle, sum[1]);
-        }
-        if !(4..8).contains(&number) {
-            sum[2] = (along_z[z] * weights_y[y - 1]).mul_add(middle, sum[2]);
-        }
-    }
-    let mut sum = scale::<S>(sum, splat(simd, 0.5));
+    let row = |row: usize| columns(simd, &batch.samples[row], register);
+    // Differences at the two corners along an axis, weighted, are those of four samples along it.
+    let along = |axis: usize, [before, low, high, after]: [F<S>; 4]| {
+        q[axis].mul_add(high - before, p[axis] * (after - low))
+    };
+    let between = |axis: usize, low: F<S>, high: F<S>| q[axis].mul_add(low, p[axis] * high);
+    let middle = |[_, low, high, _]: [F<S>; 4]| between(0, low, high);
+    let own = [[row(0), row(1)], [row(2), row(3)]];
+    let slopes = own.map(|[low, high]| between(1, along(0, low), along(0, high)));
+    let [[m11, m21], [m12, m22]] = own.map(|rows| rows.map(middle));
+    let along_y = [
+        along(1, [middle(row(4)), m11, m21, middle(row(5))]),
+        along(1, [middle(row(6)), m12, m22, middle(row(7))]),
+    ];
+    let along_z = [
+        along(2, [middle(row(8)), m11, m12, middle(row(10))]),
+        along(2, [middle(row(9)), m21, m22, middle(row(11))]),
+    ];
+    let mut sum = [
+        between(2, slopes[0], slopes[1]) * 0.5,
+        between(2, along_y[0], along_y[1]) * 0.5,
+        between(1, along_z[0], along_z[1]) * 0.5,
+    ];
     let finite = sum[0].is_finite() & sum[1].is_finite() & sum[2].is_finite();
     if !finite.all_true() {
         for lane in 0..F::<S>::LEN {
             if !finite.test(lane) {
-                let careful = group.careful_differences(lane, [p[0][lane], p[1][lane], p[2][lane]]);
+                let at = [p[0][lane], p[1][lane], p[2][lane]];
+                let careful = batch.careful_differences(F::<S>::LEN * register + lane, at);
                 sum[0][lane] = careful[0];
                 sum[1][lane] = careful[1];
                 sum[2][lane] = careful[2];

@@ -7,7 +7,7 @@ use super::descent::{onto_near_surface, onto_surface};
 use super::interpolant::{Tricubic, Trilinear};
 use super::lanes::*;
 use super::polygon::{Geometry, Polygon, polygon};
-use super::stencil::{Group, corners, differences};
+use super::stencil::{Batch, REGISTERS, corners, differences};
 
 /// Standard deviation, in steps of the grid, of the Gaussian that blurs the polygon that a surfel stands for.
 ///
@@ -101,100 +101,150 @@ impl Geometry {
     }
 }
 
-/// Appends the surfels of a group; sheets without an area have none. A function of its own, the same for all types of samples.
+/// Appends the surfels of a batch; sheets without an area have none. A function of its own, the same for all types of samples.
 #[inline(never)]
-pub(super) fn add_group<S: Simd>(
+pub(super) fn add_batch<S: Simd>(
     simd: S,
-    group: &Group,
+    batch: &Batch,
     look: (&Geometry, Interpolation),
     out: &mut Columns,
 ) {
     simd.vectorize(
         #[inline(always)]
-        || add_lanes(simd, group, look, out),
+        || add_registers(simd, batch, look, out),
     );
 }
 
+/// A register of sheets on their way.
+#[derive(Clone, Copy)]
+struct Sheets<S: Simd> {
+    /// Numbers of any size times this are numbers near 1.
+    to_unit: F<S>,
+    values: [F<S>; 8],
+    polygon: Polygon<S>,
+    position: F3<S>,
+    /// The interpolant's gradient there, and the grid's.
+    gradients: [F3<S>; 2],
+    normal: F3<S>,
+}
+
+impl<S: Simd> Sheets<S> {
+    #[inline(always)]
+    fn new(simd: S) -> Self {
+        let zero = splat(simd, 0.0);
+        let nowhere = [zero; 3];
+        Self {
+            to_unit: zero,
+            values: [zero; 8],
+            polygon: Polygon::new(simd),
+            position: nowhere,
+            gradients: [nowhere; 2],
+            normal: nowhere,
+        }
+    }
+}
+
+/// Stage by stage: what a stage does to one register takes longer than it has to do.
 #[inline(always)]
-fn add_lanes<S: Simd>(
+fn add_registers<S: Simd>(
     simd: S,
-    group: &Group,
+    batch: &Batch,
     (geometry, interpolation): (&Geometry, Interpolation),
     out: &mut Columns,
 ) {
-    let values = corners(simd, group);
-    // Numbers of any size become numbers near 1.
-    let mut largest = values[0].abs();
-    for value in &values[1..] {
-        largest = largest.max(value.abs());
+    let n = F::<S>::LEN;
+    let mut all = [Sheets::new(simd); REGISTERS];
+    let all = &mut all[..batch.len.div_ceil(n).min(REGISTERS)];
+    for (register, sheets) in all.iter_mut().enumerate() {
+        let values = corners(simd, batch, register);
+        let largest = values[1..].iter().fold(values[0].abs(), |largest, value| largest.max(value.abs()));
+        sheets.to_unit = splat(simd, 1.0) / largest;
+        sheets.values = values.map(|value| value * sheets.to_unit);
+        let inside = S::u32s::from_slice(simd, &batch.sheets[n * register..][..n]);
+        sheets.polygon = polygon(simd, geometry, &sheets.values, inside);
     }
-    let to_unit = splat(simd, 1.0) / largest;
-    let mut unit_values = values;
-    for value in &mut unit_values {
-        *value *= to_unit;
+    for sheets in all.iter_mut() {
+        let field = Trilinear::new(&sheets.values);
+        (sheets.position, sheets.gradients[0]) =
+            onto_surface(simd, geometry, &field, &sheets.values, sheets.polygon.centroid);
     }
-    let sheets = S::u32s::from_slice(simd, &group.sheets[..F::<S>::LEN]);
-    let polygon = polygon(simd, geometry, &unit_values, sheets);
-    let field = Trilinear::new(&unit_values);
-    let (mut position, slope) = onto_surface(simd, geometry, &field, &unit_values, polygon.centroid);
-    let mut gradient = scale::<S>(differences(simd, group, position), to_unit);
+    for (register, sheets) in all.iter_mut().enumerate() {
+        let gradient = differences(simd, batch, register, sheets.position);
+        sheets.gradients[1] = scale::<S>(gradient, sheets.to_unit);
+    }
     if interpolation == Interpolation::Tricubic {
-        (position, gradient) = onto_spline(simd, group, geometry, (position, gradient, to_unit));
+        for (register, sheets) in all.iter_mut().enumerate() {
+            let start = (sheets.position, sheets.gradients[1]);
+            let spline = (register, sheets.to_unit);
+            (sheets.position, sheets.gradients[1]) = onto_spline(simd, (batch, spline), geometry, start);
+        }
     }
-    // Differences can vanish, or point the wrong way, where the field varies from sample to sample; the interpolant's own gradient
-    // and the polygon are the safe steps.
-    let by_polygon = normalize(simd, polygon.vector_area);
-    let normal = facing(simd, geometry, slope, (polygon.vector_area, by_polygon));
-    let normal = facing(simd, geometry, gradient, (polygon.vector_area, normal));
-    let axes = half_axes(simd, geometry, &polygon, normal);
-    let is_there = polygon.area.simd_ge(splat(simd, geometry.least_area))
-        & M::<S>::from_bitmask(simd, (1 << group.len) - 1);
+    for sheets in all.iter_mut() {
+        sheets.normal = normal(simd, geometry, sheets);
+    }
+    for (register, sheets) in all.iter().enumerate() {
+        let first = n * register;
+        let axes = half_axes(simd, geometry, &sheets.polygon, sheets.normal);
+        let is_there = sheets.polygon.area.simd_ge(splat(simd, geometry.least_area))
+            & M::<S>::from_bitmask(simd, (1 << (batch.len - first).min(n)) - 1);
+        let unit = splat(simd, geometry.unit);
+        let in_grid =
+            [0, 1, 2].map(|axis| corner(simd, &batch.cells[axis][first..][..n]) + sheets.position[axis]);
+        let [x, y, z] = scale::<S>(times(simd, &geometry.steps, in_grid), unit);
+        let [u_x, u_y, u_z] = scale::<S>(axes[0], unit);
+        let [v_x, v_y, v_z] = scale::<S>(axes[1], unit);
+        let area = sheets.polygon.area * unit * unit;
+        out.push::<S>([x, y, z, u_x, u_y, u_z, v_x, v_y, v_z, area], is_there);
+    }
+}
 
-    let unit = splat(simd, geometry.unit);
-    let in_grid = [
-        corner(simd, &group.cells[0]) + position[0],
-        corner(simd, &group.cells[1]) + position[1],
-        corner(simd, &group.cells[2]) + position[2],
-    ];
-    let [x, y, z] = scale::<S>(times(simd, &geometry.steps, in_grid), unit);
-    let [u_x, u_y, u_z] = scale::<S>(axes[0], unit);
-    let [v_x, v_y, v_z] = scale::<S>(axes[1], unit);
-    let area = polygon.area * unit * unit;
-    out.push::<S>([x, y, z, u_x, u_y, u_z, v_x, v_y, v_z, area], is_there);
+/// Differences can vanish, or point the wrong way, where the field varies from sample to sample; the interpolant's own gradient
+/// and the polygon are the safe steps.
+#[inline(always)]
+fn normal<S: Simd>(simd: S, geometry: &Geometry, sheets: &Sheets<S>) -> F3<S> {
+    let vector_area = sheets.polygon.vector_area;
+    let [slope, gradient] = sheets.gradients;
+    let (normal, is_right) = facing(simd, geometry, gradient, vector_area);
+    if is_right.all_true() {
+        return normal;
+    }
+    let (by_slope, is_slope_right) = facing(simd, geometry, slope, vector_area);
+    let safe = select3::<S>(is_slope_right, by_slope, normalize(simd, vector_area));
+    select3::<S>(is_right, normal, safe)
 }
 
 #[inline(always)]
-fn corner<S: Simd>(simd: S, cells: &[u32; MOST_LANES]) -> F<S> {
-    S::u32s::from_slice(simd, &cells[..F::<S>::LEN]).to_float()
+fn corner<S: Simd>(simd: S, cells: &[u32]) -> F<S> {
+    S::u32s::from_slice(simd, cells).to_float()
 }
 
 /// From the trilinear surface onto the spline's, and the gradient there; where it isn't near both stay as they are.
 #[inline(never)]
 fn onto_spline<S: Simd>(
     simd: S,
-    group: &Group,
+    (batch, (register, to_unit)): (&Batch, (usize, F<S>)),
     geometry: &Geometry,
-    (position, gradient, to_unit): (F3<S>, F3<S>, F<S>),
+    (position, gradient): (F3<S>, F3<S>),
 ) -> (F3<S>, F3<S>) {
     simd.vectorize(
         #[inline(always)]
         || {
-            let spline = Tricubic::new(simd, group, to_unit);
+            let spline = Tricubic::new(simd, batch, register, to_unit);
             let (near, slope, found) = onto_near_surface(simd, geometry, &spline, position);
             (near, select3::<S>(found, slope, gradient))
         },
     )
 }
 
-/// The unit normal down a gradient, given in cells, if it is on the side of a polygon's vector area; else another.
+/// The unit normal down a gradient, given in cells, and whether it is on the side of a polygon's vector area.
 #[inline(always)]
-fn facing<S: Simd>(simd: S, geometry: &Geometry, gradient: F3<S>, (side, other): (F3<S>, F3<S>)) -> F3<S> {
+fn facing<S: Simd>(simd: S, geometry: &Geometry, gradient: F3<S>, side: F3<S>) -> (F3<S>, M<S>) {
     let down = scale::<S>(times(simd, &geometry.gradients, gradient), splat(simd, -1.0));
     let normal = normalize(simd, down);
     // Where nothing can be made of the gradient this is NaN.
     let is_right =
         dot::<S>(normal, side).simd_gt(splat(simd, 0.0)) & dot::<S>(normal, normal).simd_lt(splat(simd, 2.0));
-    select3::<S>(is_right, normal, other)
+    (normal, is_right)
 }
 
 /// The half-axes, longer one first, of the Gaussian in the plane across `normal` that has the covariance of the polygon blurred
