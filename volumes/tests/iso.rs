@@ -132,6 +132,35 @@ fn a_linear_field_gives_its_plane() {
     }
 }
 
+/// Normals are the volume's own gradients, interpolated: one-sided at the grid's border and beside values that are missing, whatever
+/// cells are looked at together.
+#[test]
+fn normals_are_interpolated_gradients() {
+    let (dims, frame) = ([35, 18, 9], GridFrame::default());
+    let wave = |p: DVec3| p.z + (0.4 * p.x).sin() + (0.5 * p.y).cos() + 0.02 * p.z * p.x - 4.5;
+    let holes = [DVec3::new(20.0, 9.0, 2.0), DVec3::new(7.0, 0.0, 6.0)];
+    let volume = sampled(dims, frame, |p| if holes.contains(&p) { f64::NAN } else { wave(p) });
+    let cloud = surfels_at(&volume, 0.0);
+    let at_border = |p: DVec3| (0..2).any(|axis| p[axis] < 1.0 || p[axis] > dims[axis] as f64 - 2.0);
+    let (mut of_border, mut beside_holes) = (0, 0);
+    for (position, _, normal, _) in surfels(&cloud) {
+        let low = position.floor().min(DVec3::from(dims.map(|n| n as f64 - 2.0)));
+        let share = position - low;
+        let gradient = (0..8).map(|corner| {
+            let upper = [0, 1, 2].map(|axis| corner >> axis & 1);
+            let weights = [0, 1, 2].map(|a| if upper[a] == 1 { share[a] } else { 1.0 - share[a] });
+            let index = [0, 1, 2].map(|axis| low[axis] as usize + upper[axis]);
+            volume.gradient(index).as_dvec3() * weights.iter().product::<f64>()
+        });
+        let right = -gradient.sum::<DVec3>();
+        // Samples of a few steps and gradients near 1, in single precision.
+        assert!(degrees(normal, right) < 1e-3, "at {position}: {normal}, {right}");
+        of_border += usize::from(at_border(position));
+        beside_holes += usize::from(holes.iter().any(|hole| (position - *hole).length() < 2.5));
+    }
+    assert!(of_border > 80 && beside_holes > 4, "{of_border}, {beside_holes}");
+}
+
 #[test]
 fn flattening_sets_the_thickness() {
     let (dims, center) = grid_around(GridFrame::default(), 5.0);

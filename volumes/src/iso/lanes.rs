@@ -51,11 +51,6 @@ pub(super) fn dot<S: Simd>(a: F3<S>, b: F3<S>) -> F<S> {
     a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
 }
 
-#[inline(always)]
-pub(super) fn cross<S: Simd>(a: F3<S>, b: F3<S>) -> F3<S> {
-    [a[1].mul_sub(b[2], a[2] * b[1]), a[2].mul_sub(b[0], a[0] * b[2]), a[0].mul_sub(b[1], a[1] * b[0])]
-}
-
 /// A matrix, by rows, times vectors.
 #[inline(always)]
 pub(super) fn times<S: Simd>(simd: S, m: &[[f32; 3]; 3], v: F3<S>) -> F3<S> {

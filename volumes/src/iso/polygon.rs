@@ -106,7 +106,7 @@ struct Sums<S: Simd> {
     vector_area: F3<S>,
     /// Six times the first moment about the mean.
     first: F3<S>,
-    /// 24 times the second: xx, yy, zz, yz, zx, xy.
+    /// 16 times the second: xx, yy, zz, yz, zx, xy.
     second: [F<S>; 6],
 }
 
@@ -116,26 +116,29 @@ impl<S: Simd> Sums<S> {
     fn add<const AXIS: usize>(&mut self, simd: S, geometry: &Geometry, [p, q]: [F3<S>; 2]) {
         let (u, v) = ((AXIS + 1) % 3, (AXIS + 2) % 3);
         let (a, b) = (sub::<S>(p, self.mean), sub::<S>(q, self.mean));
-        let twice = times(simd, &geometry.areas, cross::<S>(a, b));
+        // With d = a + b and c = a − b, a aᵀ + b bᵀ + d dᵀ = 3 (d dᵀ + c cᵀ/3)/2, and c has no part across the face.
+        let d = [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+        let (c_u, c_v) = (a[u] - b[u], a[v] - b[v]);
+        let mut cross = [a[AXIS]; 3];
+        cross[AXIS] = a[u].mul_sub(b[v], a[v] * b[u]);
+        cross[u] *= c_v;
+        cross[v] *= -c_u;
+        let twice = times(simd, &geometry.areas, cross);
         let weight = dot::<S>(twice, twice).sqrt();
         self.area += weight;
         for (sum, twice) in self.vector_area.iter_mut().zip(twice) {
             *sum += twice;
         }
-        // With d = a + b and c = a − b, a aᵀ + b bᵀ + d dᵀ = (3 d dᵀ + c cᵀ)/2, and c has no part across the face.
-        let d = [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
-        let (c_u, c_v) = (a[u] - b[u], a[v] - b[v]);
         let weighted = scale::<S>(d, weight);
         for (sum, weighted) in self.first.iter_mut().zip(weighted) {
             *sum += weighted;
         }
-        let wd = scale::<S>(weighted, splat(simd, 1.5));
-        let half = weight * 0.5;
-        let (wc_u, wc_v) = (half * c_u, half * c_v);
+        let third = weight * (1.0 / 3.0);
+        let (wc_u, wc_v) = (third * c_u, third * c_v);
         for axis in 0..3 {
             let (j, k) = ((axis + 1) % 3, (axis + 2) % 3);
-            self.second[axis] = wd[axis].mul_add(d[axis], self.second[axis]);
-            self.second[3 + axis] = wd[j].mul_add(d[k], self.second[3 + axis]);
+            self.second[axis] = weighted[axis].mul_add(d[axis], self.second[axis]);
+            self.second[3 + axis] = weighted[j].mul_add(d[k], self.second[3 + axis]);
         }
         self.second[u] = wc_u.mul_add(c_u, self.second[u]);
         self.second[v] = wc_v.mul_add(c_v, self.second[v]);
@@ -221,12 +224,12 @@ pub(super) fn polygon<S: Simd>(
     // Of a polygon without an area, too, all numbers are finite.
     let share = reciprocal(simd, sums.area.max(splat(simd, 1e-30)));
     let offset = scale::<S>(sums.first, share * (1.0 / 3.0));
-    let twelfth = share * (1.0 / 12.0);
+    let eighth = share * 0.125;
     let mut covariance = sums.second;
     for axis in 0..3 {
         let (j, k) = ((axis + 1) % 3, (axis + 2) % 3);
-        covariance[axis] = covariance[axis].mul_sub(twelfth, offset[axis] * offset[axis]);
-        covariance[3 + axis] = covariance[3 + axis].mul_sub(twelfth, offset[j] * offset[k]);
+        covariance[axis] = covariance[axis].mul_sub(eighth, offset[axis] * offset[axis]);
+        covariance[3 + axis] = covariance[3 + axis].mul_sub(eighth, offset[j] * offset[k]);
     }
     Polygon {
         centroid: [mean[0] + offset[0], mean[1] + offset[1], mean[2] + offset[2]],
