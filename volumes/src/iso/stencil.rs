@@ -129,38 +129,61 @@ pub(super) fn columns<S: Simd>(simd: S, row: &Row, register: usize) -> [F<S>; 4]
 /// The values at the corners of a register's cells.
 #[inline(always)]
 pub(super) fn corners<S: Simd>(simd: S, batch: &Batch, register: usize) -> [F<S>; 8] {
-    let [a, b, c, d] = [0, 1, 2, 3].map(|row| columns(simd, &batch.samples[row], register));
+    let [a, b, c, d] = [
+        columns(simd, &batch.samples[0], register),
+        columns(simd, &batch.samples[1], register),
+        columns(simd, &batch.samples[2], register),
+        columns(simd, &batch.samples[3], register),
+    ];
     [a[1], a[2], b[1], b[2], c[1], c[2], d[1], d[2]]
+}
+
+/// Shares of what is at a cell's lower and upper end along an axis.
+type Shares<S> = [F<S>; 2];
+
+#[inline(always)]
+fn between<S: Simd>([q, p]: Shares<S>, low: F<S>, high: F<S>) -> F<S> {
+    q.mul_add(low, p * high)
+}
+
+/// Twice the central differences at the ends, of four samples in a row.
+#[inline(always)]
+fn slope<S: Simd>(shares: Shares<S>, [before, low, high, after]: [F<S>; 4]) -> F<S> {
+    between::<S>(shares, high - before, after - low)
+}
+
+/// Along x in the cells of a row: the value between its middle samples, and twice the difference.
+#[inline(always)]
+fn along_row<S: Simd>(simd: S, shares: Shares<S>, row: &Row, register: usize) -> [F<S>; 2] {
+    let samples = columns(simd, row, register);
+    [between::<S>(shares, samples[1], samples[2]), slope::<S>(shares, samples)]
 }
 
 /// The grid's differences at the corners of a register's cells, interpolated at `p`: gradients per sample step.
 #[inline(always)]
 pub(super) fn differences<S: Simd>(simd: S, batch: &Batch, register: usize, p: F3<S>) -> F3<S> {
     let one = splat(simd, 1.0);
-    let q = [one - p[0], one - p[1], one - p[2]];
-    let row = |row: usize| columns(simd, &batch.samples[row], register);
-    // Differences at the two corners along an axis, weighted, are those of four samples along it.
-    let along = |axis: usize, [before, low, high, after]: [F<S>; 4]| {
-        q[axis].mul_add(high - before, p[axis] * (after - low))
-    };
-    let between = |axis: usize, low: F<S>, high: F<S>| q[axis].mul_add(low, p[axis] * high);
-    let middle = |[_, low, high, _]: [F<S>; 4]| between(0, low, high);
-    let own = [[row(0), row(1)], [row(2), row(3)]];
-    let slopes = own.map(|[low, high]| between(1, along(0, low), along(0, high)));
-    let [[m11, m21], [m12, m22]] = own.map(|rows| rows.map(middle));
-    let along_y = [
-        along(1, [middle(row(4)), m11, m21, middle(row(5))]),
-        along(1, [middle(row(6)), m12, m22, middle(row(7))]),
+    let [x, y, z] = [[one - p[0], p[0]], [one - p[1], p[1]], [one - p[2], p[2]]];
+    // By their places in `ROWS`: values and differences of the cell's own rows, values of those around them.
+    let rows = &batch.samples;
+    let [m11, d11] = along_row(simd, x, &rows[0], register);
+    let [m21, d21] = along_row(simd, x, &rows[1], register);
+    let [m12, d12] = along_row(simd, x, &rows[2], register);
+    let [m22, d22] = along_row(simd, x, &rows[3], register);
+    let [m01, _] = along_row(simd, x, &rows[4], register);
+    let [m31, _] = along_row(simd, x, &rows[5], register);
+    let [m02, _] = along_row(simd, x, &rows[6], register);
+    let [m32, _] = along_row(simd, x, &rows[7], register);
+    let [m10, _] = along_row(simd, x, &rows[8], register);
+    let [m20, _] = along_row(simd, x, &rows[9], register);
+    let [m13, _] = along_row(simd, x, &rows[10], register);
+    let [m23, _] = along_row(simd, x, &rows[11], register);
+    let twice = [
+        between::<S>(z, between::<S>(y, d11, d21), between::<S>(y, d12, d22)),
+        between::<S>(z, slope::<S>(y, [m01, m11, m21, m31]), slope::<S>(y, [m02, m12, m22, m32])),
+        between::<S>(y, slope::<S>(z, [m10, m11, m12, m13]), slope::<S>(z, [m20, m21, m22, m23])),
     ];
-    let along_z = [
-        along(2, [middle(row(8)), m11, m12, middle(row(10))]),
-        along(2, [middle(row(9)), m21, m22, middle(row(11))]),
-    ];
-    let mut sum = [
-        between(2, slopes[0], slopes[1]) * 0.5,
-        between(2, along_y[0], along_y[1]) * 0.5,
-        between(1, along_z[0], along_z[1]) * 0.5,
-    ];
+    let mut sum = scale::<S>(twice, splat(simd, 0.5));
     let finite = sum[0].is_finite() & sum[1].is_finite() & sum[2].is_finite();
     if !finite.all_true() {
         for lane in 0..F::<S>::LEN {

@@ -156,10 +156,15 @@ fn add_registers<S: Simd>(
     let mut all = [Sheets::new(simd); REGISTERS];
     let all = &mut all[..batch.len.div_ceil(n).min(REGISTERS)];
     for (register, sheets) in all.iter_mut().enumerate() {
-        let values = corners(simd, batch, register);
-        let largest = values[1..].iter().fold(values[0].abs(), |largest, value| largest.max(value.abs()));
+        sheets.values = corners(simd, batch, register);
+        let mut largest = sheets.values[0].abs();
+        for value in &sheets.values[1..] {
+            largest = largest.max(value.abs());
+        }
         sheets.to_unit = splat(simd, 1.0) / largest;
-        sheets.values = values.map(|value| value * sheets.to_unit);
+        for value in &mut sheets.values {
+            *value *= sheets.to_unit;
+        }
         let inside = S::u32s::from_slice(simd, &batch.sheets[n * register..][..n]);
         sheets.polygon = polygon(simd, geometry, &sheets.values, inside);
     }
@@ -188,8 +193,11 @@ fn add_registers<S: Simd>(
         let is_there = sheets.polygon.area.simd_ge(splat(simd, geometry.least_area))
             & M::<S>::from_bitmask(simd, (1 << (batch.len - first).min(n)) - 1);
         let unit = splat(simd, geometry.unit);
-        let in_grid =
-            [0, 1, 2].map(|axis| corner(simd, &batch.cells[axis][first..][..n]) + sheets.position[axis]);
+        let in_grid = [
+            corner(simd, &batch.cells[0][first..][..n]) + sheets.position[0],
+            corner(simd, &batch.cells[1][first..][..n]) + sheets.position[1],
+            corner(simd, &batch.cells[2][first..][..n]) + sheets.position[2],
+        ];
         let [x, y, z] = scale::<S>(times(simd, &geometry.steps, in_grid), unit);
         let [u_x, u_y, u_z] = scale::<S>(axes[0], unit);
         let [v_x, v_y, v_z] = scale::<S>(axes[1], unit);
