@@ -40,11 +40,8 @@ impl<'a, T> Search<'a, T> {
 
 /// What a thread keeps from one block to the next.
 pub(super) struct Scratch {
-    bricks: Vec<[usize; 3]>,
     window: Window,
     splines: Option<[Window; 2]>,
-    sides: Box<Sides>,
-    crossed: Box<Crossed>,
     batch: Box<Batch>,
     pub(super) surfels: Columns,
     pub(super) ends: Ends,
@@ -53,11 +50,8 @@ pub(super) struct Scratch {
 impl Scratch {
     pub(super) fn new() -> Self {
         Self {
-            bricks: Vec::new(),
             window: Window::default(),
             splines: None,
-            sides: Box::default(),
-            crossed: Box::default(),
             batch: Box::new(Batch::new()),
             surfels: Columns::default(),
             ends: Ends::default(),
@@ -69,33 +63,33 @@ impl Scratch {
     pub(super) fn block<S: Simd, T: Scalar>(&mut self, simd: S, search: &Search<'_, T>, block: [usize; 3]) {
         self.surfels.clear();
         self.ends = Ends::default();
-        self.bricks.clear();
-        self.bricks.extend(search.hierarchy.bricks(block, search.value));
-        let bricks = std::mem::take(&mut self.bricks);
+        let bricks: Vec<_> = search.hierarchy.bricks(block, search.value).collect();
         let are_near = |a: &[usize; 3], b: &[usize; 3]| (0..3).all(|axis| a[axis] / PART == b[axis] / PART);
         for near in bricks.chunk_by(are_near) {
             let part = Part::of(near, search.slab.dims);
-            self.load(simd, search, &part);
+            let sides = self.load(simd, search, &part);
+            let crossed = Crossed::new(&sides, &part);
+            self.ends.has_gaps |= crossed.has_gaps;
             for brick in near {
-                self.brick(simd, search, &part, *brick);
+                self.brick(simd, search, (&part, &sides, &crossed), *brick);
             }
         }
-        self.bricks = bricks;
         self.flush(simd, search);
     }
 
+    /// Loads a part's samples and their coefficients, where there is a spline; gives their sides.
     #[inline(always)]
-    fn load<S: Simd, T: Scalar>(&mut self, simd: S, search: &Search<'_, T>, part: &Part) {
+    fn load<S: Simd, T: Scalar>(&mut self, simd: S, search: &Search<'_, T>, part: &Part) -> Sides {
         let is_cubic = search.interpolation == Interpolation::Tricubic;
         let halo = if is_cubic { HALO } else { 1 };
-        self.window.load(simd, (search.slab, search.value), (part, halo), &mut self.sides);
+        let sides = self.window.load(simd, (search.slab, search.value), (part, halo));
         if is_cubic {
             let [from, to] = self.splines.get_or_insert_default();
             coefficients(&self.window, [from, to]);
         } else {
             self.window.extend(part, search.slab.dims);
         }
-        self.ends.has_gaps |= self.crossed.find(&self.sides, part);
+        sides
     }
 
     #[inline(always)]
@@ -107,7 +101,13 @@ impl Scratch {
     }
 
     #[inline(always)]
-    fn brick<S: Simd, T: Scalar>(&mut self, simd: S, search: &Search<'_, T>, part: &Part, brick: [usize; 3]) {
+    fn brick<S: Simd, T: Scalar>(
+        &mut self,
+        simd: S,
+        search: &Search<'_, T>,
+        (part, sides, crossed): (&Part, &Sides, &Crossed),
+        brick: [usize; 3],
+    ) {
         let dims = search.slab.dims;
         let is_at_border = (0..3).any(|axis| brick[axis] == 0 || brick[axis] + SIDE + 1 >= dims[axis]);
         let in_part = [0, 1, 2].map(|axis| brick[axis] - part.base[axis]);
@@ -115,12 +115,12 @@ impl Scratch {
         // Four rows of cells at a time, cubes of 2×2×2 one after the other: neighbours stay together.
         for pair in 0..SIDE * SIDE / 4 {
             let [j, k] = [in_part[1] + pair % (SIDE / 2) * 2, in_part[2] + pair / (SIDE / 2) * 2];
-            let mut cubes = self.crossed.cubes(in_part[0] / SIDE, [j, k]);
+            let mut cubes = crossed.cubes(in_part[0] / SIDE, [j, k]);
             while cubes != 0 {
                 let bit = cubes.trailing_zeros() as usize;
                 cubes &= cubes - 1;
                 let local = [in_part[0] + bit / 8 * 2 + bit % 2, j + bit / 2 % 2, k + bit / 4 % 2];
-                let inside = self.sides.corners(local);
+                let inside = sides.corners(local);
                 let index = [0, 1, 2].map(|axis| part.base[axis] + local[axis]);
                 if is_at_border {
                     self.ends.faces |= faces_crossed(inside, index, dims);
@@ -182,12 +182,8 @@ impl Part {
 }
 
 /// The faces of the grid at which a surface leaves it through a cell.
-#[inline(always)]
 fn faces_crossed(inside: u8, index: [usize; 3], dims: [usize; 3]) -> u8 {
     let at_border = |axis: usize| [index[axis] == 0, index[axis] + 2 == dims[axis]];
-    if (0..3).all(|axis| at_border(axis) == [false; 2]) {
-        return 0;
-    }
     let is_crossed = |face: &usize| {
         at_border(face / 2)[face % 2] && ![0, FACE_CORNERS[*face]].contains(&(inside & FACE_CORNERS[*face]))
     };

@@ -19,13 +19,10 @@ pub(super) struct Sides {
     outside: [Bits; ROWS * ROWS],
 }
 
-impl Default for Sides {
-    fn default() -> Self {
-        Self { inside: [0; ROWS * ROWS], outside: [0; ROWS * ROWS] }
-    }
-}
-
 impl Sides {
+    /// Of no samples.
+    pub(super) const NONE: Self = Self { inside: [0; ROWS * ROWS], outside: [0; ROWS * ROWS] };
+
     /// Takes a row of samples, from [`HALO`] before the part's on; one beside the part's is passed over.
     #[inline(always)]
     pub(super) fn set<S: Simd, T: Scalar>(
@@ -62,12 +59,8 @@ impl Sides {
 pub(super) struct Crossed {
     /// By z, y: a byte for each brick.
     rows: [[u32; PART]; PART],
-}
-
-impl Default for Crossed {
-    fn default() -> Self {
-        Self { rows: [[0; PART]; PART] }
-    }
+    /// Whether others have corners on both sides.
+    pub(super) has_gaps: bool,
 }
 
 /// Sides of the four samples around cells, along x and y.
@@ -79,10 +72,9 @@ struct Around {
 }
 
 impl Crossed {
-    /// Finds them; says whether others have corners on both sides.
     #[inline(always)]
-    pub(super) fn find(&mut self, sides: &Sides, part: &Part) -> bool {
-        self.rows = [[0; PART]; PART];
+    pub(super) fn new(sides: &Sides, part: &Part) -> Self {
+        let mut rows = [[0; PART]; PART];
         let own = (1 << part.cells[0]) - 1;
         let mut has_gaps = 0;
         let mut below = [Around::default(); PART];
@@ -104,12 +96,12 @@ impl Crossed {
                         (here.any_inside | below.any_inside) & (here.any_outside | below.any_outside) & own;
                     let whole = here.all_there & below.all_there;
                     has_gaps |= crossed & !whole;
-                    self.rows[k - 1][j] = crossed & whole;
+                    rows[k - 1][j] = crossed & whole;
                 }
                 *below = here;
             }
         }
-        has_gaps != 0
+        Self { rows, has_gaps: has_gaps != 0 }
     }
 
     /// Of a brick four rows of cells from row (j, k) of the part on, as bits in cubes of 2×2×2 one after the other, x fastest in each.
@@ -132,7 +124,7 @@ mod tests {
     #[test]
     fn cubes_hold_each_cell_once() {
         for (i, j, k) in (0..SIDE).flat_map(|i| (0..4).map(move |row| (i, row & 1, row >> 1))) {
-            let mut crossed = Crossed::default();
+            let mut crossed = Crossed { rows: [[0; PART]; PART], has_gaps: false };
             crossed.rows[6 + k][4 + j] = 1 << (SIDE + i);
             let bit = i / 2 * 8 + 4 * k + 2 * j + i % 2;
             assert_eq!(crossed.cubes(1, [4, 6]), 1 << bit, "cell {i}, {j}, {k}");

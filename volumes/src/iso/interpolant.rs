@@ -11,7 +11,6 @@ pub(super) trait Interpolant<S: Simd> {
 
 /// The trilinear interpolant of the values at a cell's corners, as the polynomial that it is: a constant, the factors of x, y, z,
 /// of yz, zx, xy, and of xyz.
-#[derive(Clone, Copy)]
 pub(super) struct Trilinear<S: Simd> {
     constant: F<S>,
     linear: F3<S>,

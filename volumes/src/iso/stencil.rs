@@ -152,11 +152,10 @@ fn slope<S: Simd>(shares: Shares<S>, [before, low, high, after]: [F<S>; 4]) -> F
     between::<S>(shares, high - before, after - low)
 }
 
-/// Along x in the cells of a row: the value between its middle samples, and twice the difference.
+/// The value between the middle two of four samples in a row.
 #[inline(always)]
-fn along_row<S: Simd>(simd: S, shares: Shares<S>, row: &Row, register: usize) -> [F<S>; 2] {
-    let samples = columns(simd, row, register);
-    [between::<S>(shares, samples[1], samples[2]), slope::<S>(shares, samples)]
+fn middle<S: Simd>(shares: Shares<S>, [_, low, high, _]: [F<S>; 4]) -> F<S> {
+    between::<S>(shares, low, high)
 }
 
 /// The grid's differences at the corners of a register's cells, interpolated at `p`: gradients per sample step.
@@ -164,20 +163,22 @@ fn along_row<S: Simd>(simd: S, shares: Shares<S>, row: &Row, register: usize) ->
 pub(super) fn differences<S: Simd>(simd: S, batch: &Batch, register: usize, p: F3<S>) -> F3<S> {
     let one = splat(simd, 1.0);
     let [x, y, z] = [[one - p[0], p[0]], [one - p[1], p[1]], [one - p[2], p[2]]];
-    // By their places in `ROWS`: values and differences of the cell's own rows, values of those around them.
+    // As in `ROWS`: the cell's own rows, by their places along y and z, and what lies between the middle samples of all.
     let rows = &batch.samples;
-    let [m11, d11] = along_row(simd, x, &rows[0], register);
-    let [m21, d21] = along_row(simd, x, &rows[1], register);
-    let [m12, d12] = along_row(simd, x, &rows[2], register);
-    let [m22, d22] = along_row(simd, x, &rows[3], register);
-    let [m01, _] = along_row(simd, x, &rows[4], register);
-    let [m31, _] = along_row(simd, x, &rows[5], register);
-    let [m02, _] = along_row(simd, x, &rows[6], register);
-    let [m32, _] = along_row(simd, x, &rows[7], register);
-    let [m10, _] = along_row(simd, x, &rows[8], register);
-    let [m20, _] = along_row(simd, x, &rows[9], register);
-    let [m13, _] = along_row(simd, x, &rows[10], register);
-    let [m23, _] = along_row(simd, x, &rows[11], register);
+    let [r11, r21] = [columns(simd, &rows[0], register), columns(simd, &rows[1], register)];
+    let [r12, r22] = [columns(simd, &rows[2], register), columns(simd, &rows[3], register)];
+    let [d11, d21, d12, d22] =
+        [slope::<S>(x, r11), slope::<S>(x, r21), slope::<S>(x, r12), slope::<S>(x, r22)];
+    let [m11, m21, m12, m22] =
+        [middle::<S>(x, r11), middle::<S>(x, r21), middle::<S>(x, r12), middle::<S>(x, r22)];
+    let m01 = middle::<S>(x, columns(simd, &rows[4], register));
+    let m31 = middle::<S>(x, columns(simd, &rows[5], register));
+    let m02 = middle::<S>(x, columns(simd, &rows[6], register));
+    let m32 = middle::<S>(x, columns(simd, &rows[7], register));
+    let m10 = middle::<S>(x, columns(simd, &rows[8], register));
+    let m20 = middle::<S>(x, columns(simd, &rows[9], register));
+    let m13 = middle::<S>(x, columns(simd, &rows[10], register));
+    let m23 = middle::<S>(x, columns(simd, &rows[11], register));
     let twice = [
         between::<S>(z, between::<S>(y, d11, d21), between::<S>(y, d12, d22)),
         between::<S>(z, slope::<S>(y, [m01, m11, m21, m31]), slope::<S>(y, [m02, m12, m22, m32])),

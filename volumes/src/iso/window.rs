@@ -43,15 +43,15 @@ impl Window {
         self.rows.copy_from_slice(&other.rows);
     }
 
-    /// Loads a part and so many rows of samples around it, at most [`HALO`], and the sides of its own.
+    /// Loads a part and so many rows of samples around it, at most [`HALO`]; gives the sides of its own.
     #[inline(always)]
     pub(super) fn load<S: Simd, T: Scalar>(
         &mut self,
         simd: S,
         (slab, value): (Slab<'_, T>, f32),
         (part, halo): (&Part, usize),
-        sides: &mut Sides,
-    ) {
+    ) -> Sides {
+        let mut sides = Sides::NONE;
         let [nx, ny, nz] = slab.dims;
         let base = part.base;
         // Of a row what lies in the grid: the rest is of the rows beside it in memory.
@@ -85,6 +85,7 @@ impl Window {
                 }
             }
         }
+        sides
     }
 
     /// Goes straight on beyond the grid's borders by a sample, so that central differences there are one-sided ones.
