@@ -25,8 +25,10 @@ use rayon::prelude::*;
 /// After as many rounds all that is missing is drawn at once.
 const MOST_ROUNDS: usize = 8;
 
-/// Fewer ranges aren't worth a guess.
+/// Fewer ranges aren't worth a guess, nor are pictures of fewer cells, as ways are tried in: it asks for what clusters cover, of which those
+/// show little.
 const LEAST_RANGES: usize = 16;
+const LEAST_CELLS: usize = 16;
 
 /// Less than this share of the splats isn't worth the rounds that leaving it out may take.
 const WORTH_IT: f64 = 0.33;
@@ -95,7 +97,7 @@ impl Occlusion {
         let sight = visible.sight();
         let view = (scene, &sight, settings.tolerance / 4.0);
         self.guess.begin(&self.looked);
-        let may_hide = self.guess.may_hide(view, kind, ranges);
+        let may_hide = self.looked.cells() >= LEAST_CELLS && self.guess.may_hide(view, kind, ranges);
         let has_cuts = kind == 1 && !visible.ranges[0].is_empty();
         if !may_hide && !has_cuts {
             return;
