@@ -66,6 +66,16 @@ fn most_of_nested_spheres_is_left_out() {
 }
 
 #[test]
+fn in_pictures_of_a_few_squares_nothing_is_guessed() {
+    let clouds = nested(80_000, true);
+    // Sixteen squares of eight pixels, and nine.
+    for (size, leaves_out) in [(32, true), (24, false)] {
+        let (_, [_, rest]) = alike(&clouds, &camera(4.2, size), &RenderSettings::default());
+        assert_eq!(rest.occluded > 0, leaves_out, "{size}");
+    }
+}
+
+#[test]
 fn a_hole_of_a_pixel_shows_what_is_far_behind() {
     let camera = camera(4.0, 256);
     // Surfels are 3/4 of a pixel apart and reach into the hole: about a pixel of it stays open.
