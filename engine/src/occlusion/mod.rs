@@ -25,9 +25,10 @@ use rayon::prelude::*;
 /// After as many rounds all that is missing is drawn at once.
 const MOST_ROUNDS: usize = 8;
 
-/// Fewer ranges aren't worth a guess, nor are pictures of fewer cells, as ways are tried in: it asks for what clusters cover, of which those
-/// show little.
+/// Fewer ranges aren't worth a guess.
 const LEAST_RANGES: usize = 16;
+
+/// Nor are pictures of fewer cells, as windows are in which ways are tried: it asks all surfels of clusters, of which those show few.
 const LEAST_CELLS: usize = 16;
 
 /// Less than this share of the splats isn't worth the rounds that leaving it out may take.
