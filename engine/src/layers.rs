@@ -71,10 +71,20 @@ struct Search<S: Simd> {
     done: f32,
     /// The greatest of the layer's limits.
     farthest: f32,
-    /// The nearest of what was not looked at, since it begins behind those limits.
-    skipped: f32,
+    /// The least that this was when something was not looked at, since it begins behind.
+    strictest: f32,
     /// Places in the list of first samples by which no limit has gone yet; [`u32::MAX`] where there are none.
     firsts: u32x16<S>,
+}
+
+impl<S: Simd> Search<S> {
+    /// A set begins behind the limits there are so far.
+    #[inline(always)]
+    fn leave_out(&mut self, set: u64) {
+        if set != 0 && self.farthest < self.strictest {
+            self.strictest = self.farthest;
+        }
+    }
 }
 
 /// What a block's search has found in a batch.
@@ -233,14 +243,14 @@ impl LayerBuilder<'_> {
             is_behind: peel.previous.simd_gt(-infinity).any_true(),
             done: is_open.select(peel.previous, infinity).reduce_min(),
             farthest: peel.limit.reduce_max(),
-            skipped: f32::INFINITY,
+            strictest: f32::INFINITY,
             firsts: u32x16::simd_from(simd, u32::MAX),
         };
         let mut evaluated = 0;
         // Again where a nearer first sample has a farther limit than those by which others were left out.
         for _ in 0..2 {
             listed.used = 0;
-            search.skipped = f32::INFINITY;
+            search.strictest = f32::INFINITY;
             for batch in 0..batches.len() {
                 if rest[batch] != 0 {
                     evaluated +=
@@ -248,7 +258,7 @@ impl LayerBuilder<'_> {
                 }
             }
             self.limit(simd, (batches, here), (listed.all(), &mut search), peel);
-            if search.skipped > search.farthest || search.skipped == f32::INFINITY {
+            if search.farthest <= search.strictest {
                 break;
             }
         }
@@ -265,7 +275,9 @@ impl LayerBuilder<'_> {
         (search, peel): (&mut Search<S>, &mut Peel<S>),
     ) -> u64 {
         let surfels = &batches[batch];
-        let set = surfels.begin_before(rest[batch], search.farthest, &mut search.skipped);
+        let all = rest[batch];
+        let set = surfels.begin_before(all, search.farthest);
+        search.leave_out(all & !set);
         if set == 0 {
             return 0;
         }
@@ -281,7 +293,7 @@ impl LayerBuilder<'_> {
             surfels.all_of(set, &mut nearest)
         };
         rest[batch] &= !between.ahead;
-        search.skipped = search.skipped.min(between.next);
+        search.leave_out(set & !between.ahead & !between.within);
         let first = listed.used;
         let room = listed.room(BATCH);
         let mut found = Found { depth: peel.depth, firsts: search.firsts, count: 0, gone: 0 };
@@ -363,6 +375,9 @@ impl LayerBuilder<'_> {
         let firsts = std::mem::replace(&mut search.firsts, no_place);
         let places: [u32; PIXELS] = firsts.into();
         let mut open = firsts.simd_ne(no_place).to_bitmask();
+        if open == 0 {
+            return;
+        }
         while open != 0 {
             let place = places[open.trailing_zeros() as usize % PIXELS];
             let own = firsts.simd_eq(u32x16::simd_from(simd, place));

@@ -53,8 +53,6 @@ pub(crate) struct Between {
     pub(crate) ahead: u64,
     /// Between the depths.
     pub(crate) within: u64,
-    /// What begins behind the farther depth begins no nearer than here.
-    pub(crate) next: f32,
 }
 
 impl Surfels {
@@ -234,20 +232,12 @@ impl Surfels {
         &self.slants[number % BATCH]
     }
 
-    /// Those of a set that are in sixteens whose spans may begin before a depth; says how near the others come.
+    /// Those of a set that are in sixteens whose spans may begin before a depth.
     #[inline(always)]
-    pub(crate) fn begin_before(&self, set: u64, depth: f32, nearest_of_others: &mut f32) -> u64 {
+    pub(crate) fn begin_before(&self, set: u64, depth: f32) -> u64 {
         let mut others = 0;
         for (sixteen, nearest) in self.nearest.iter().enumerate() {
             others |= if *nearest > depth { 0xffff << (16 * sixteen) } else { 0 };
-        }
-        let others = others & set;
-        if others != 0 {
-            for (sixteen, nearest) in self.nearest.iter().enumerate() {
-                let is_one = others >> (16 * sixteen) & 0xffff != 0;
-                *nearest_of_others =
-                    if is_one { nearest_of_others.min(*nearest) } else { *nearest_of_others };
-            }
         }
         set & !others
     }
@@ -258,7 +248,7 @@ impl Surfels {
         for (nearest, of_sixteen) in nearest.chunks_exact_mut(16).zip(self.nearest) {
             nearest.fill(of_sixteen);
         }
-        Between { ahead: 0, within: set, next: f32::INFINITY }
+        Between { ahead: 0, within: set }
     }
 
     /// Which of a set may have samples between two depths in the block around a middle. Puts down before what depth no span
@@ -271,7 +261,7 @@ impl Surfels {
         [done, farthest]: [f32; 2],
         nearest: &mut Column,
     ) -> Between {
-        let mut between = Between { ahead: 0, within: 0, next: f32::INFINITY };
+        let mut between = Between { ahead: 0, within: 0 };
         for first in (0..BATCH).step_by(16).filter(|first| set >> first & 0xffff != 0) {
             let [begin, end] = self.bounds(simd, first, middle);
             begin.store_slice(&mut nearest[first..first + 16]);
@@ -280,10 +270,6 @@ impl Surfels {
             let behind = own & !ahead & begin.simd_gt(W::simd_from(simd, farthest));
             between.ahead |= ahead.to_bitmask() << first;
             between.within |= (own & !ahead & !behind).to_bitmask() << first;
-            if behind.any_true() {
-                let begin = behind.select(begin, W::simd_from(simd, f32::INFINITY));
-                between.next = between.next.min(begin.reduce_min());
-            }
         }
         between
     }
