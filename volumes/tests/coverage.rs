@@ -8,8 +8,12 @@ use common::*;
 use glam::DVec3;
 use oblate_volumes::{COVERAGE_FLOOR, IsoSettings, iso_surfels};
 
-/// On planes of any tilt, in any frame, Σw is 1 within 7 %: what the polygons' third moments and above, of up to a step in
-/// length, are when a blur of 0.45 steps has smoothed them. (A blur of 0.65 leaves 0.7 %, and a surface that is softer for it.)
+/// A single sheet covers too much by unevenness as long as it is no farther above 1 than the floor is below; from twice that on a layer
+/// counts as several sheets (`engine/src/layers.rs`).
+const CEILING: f64 = 2.0 - COVERAGE_FLOOR as f64;
+
+/// On planes of any tilt, in any frame, Σw keeps to the floor: what the polygons' third moments and above, of up to a step in
+/// length, are when a blur of 0.35 steps has smoothed them. (A blur of 0.65 leaves 0.7 %, and a surface that is softer for it.)
 #[test]
 fn planes_are_covered_evenly() {
     let mut random = Random(7);
@@ -31,7 +35,7 @@ fn planes_are_covered_evenly() {
             }
         }
         println!("planes, {name}: summed coverage {low:.4} to {high:.4}");
-        assert!(low >= 0.93 && high <= 1.07, "{name}: {low} to {high}");
+        assert!(low >= f64::from(COVERAGE_FLOOR) && high <= CEILING, "{name}: {low} to {high}");
     }
 }
 
@@ -64,7 +68,7 @@ fn spheres_are_covered_down_to_the_promised_curvature() {
             // ρ/r: the area lacks less than ρ²/(2r²), and a cell's largest polygon, 1 by √2, has ρ² = 3/4.
             assert!(area <= 1.0 && area >= 1.0 - 0.375 / (steps * steps), "{name}, {steps} steps: {area}");
             assert!(
-                low >= f64::from(COVERAGE_FLOOR) && high <= 1.07,
+                low >= f64::from(COVERAGE_FLOOR) && high <= CEILING,
                 "{name}, {steps} steps: {low} to {high}"
             );
         }
