@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 /// The area of a piece over which a texture is looked at in one go, in squared cells: of waves as long as a cell the kernel leaves
-/// e^{−2π²(0.45² + 1/12)} = 0.4 %, and this is half of that long.
+/// e^{−2π²(0.4² + 1/12)} = 0.8 %, and this is half of that long.
 const TEXTURED_AREA: f32 = 0.25;
 
 /// The same where a mask has edges, which no kernel makes even: a share of a piece is there or isn't.

@@ -44,16 +44,16 @@ impl Default for SamplerSettings {
 ///
 /// A surfel has the covariance of the piece of surface that it owns and this blur. Whatever the pieces are, the sum over surfels is
 /// then the area on the surface smoothed by one kernel, up to third moments.
-const BLUR: f64 = 0.45;
+const BLUR: f64 = 0.4;
 
 /// The longest extent of surfels that are evenly wide, in spacings: single-precision positions don't resolve more.
 const MOST_SPACINGS: f64 = (1_u32 << 20) as f64;
 
-/// Half the depth tolerance of a mesh's surfels, as a share of the spacing: about the mean standard deviation of their Gaussians.
+/// Half the depth tolerance of a mesh's surfels, as a share of the spacing: a tenth more than the mean standard deviation of their Gaussians.
 pub const KERNEL_SIGMA: f32 = 0.7;
 
 /// The floor w₀ of the summed coverage that [`sample`] keeps three radii away from borders and creases.
-pub const COVERAGE_FLOOR: f32 = 0.85;
+pub const COVERAGE_FLOOR: f32 = 0.87;
 
 /// Pieces that a mesh may be parted into, for each surfel it may have and for each of its triangles.
 const MOST_PIECES: [f64; 2] = [64.0, 2.0];

@@ -13,7 +13,7 @@ use oblate_volumes::{COVERAGE_FLOOR, IsoSettings, iso_surfels};
 const CEILING: f64 = 2.0 - COVERAGE_FLOOR as f64;
 
 /// On planes of any tilt, in any frame, Σw keeps to the floor: what the polygons' third moments and above, of up to a step in
-/// length, are when a blur of 0.35 steps has smoothed them. (A blur of 0.65 leaves 0.7 %, and a surface that is softer for it.)
+/// length, are when a blur of 0.4 steps has smoothed them. (A blur of 0.65 leaves 0.7 %, and a surface that is softer for it.)
 #[test]
 fn planes_are_covered_evenly() {
     let mut random = Random(7);

@@ -170,7 +170,7 @@ fn planes_are_covered() {
             2.0 - f64::from(COVERAGE_FLOOR),
         ),
         // Long cells have one part less than the next ones.
-        ("×1.1", &grown, 0.8, 1.2),
+        ("×1.1", &grown, 0.86, 1.15),
         ("jumps ×2", &jumps, f64::from(IRREGULAR_COVERAGE_FLOOR), 1.4),
     ] {
         let (mut low, mut high) = (f64::INFINITY, 0.0_f64);

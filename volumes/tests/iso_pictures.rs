@@ -144,8 +144,8 @@ fn pictures_are_those_of_the_surface() {
     });
     let engine = real_engine();
     for (name, volume, iso, bounds) in [
-        ("ring", Some(&ring), 0.0, [[4.15, 0.2], [4.65, 0.22]]),
-        ("engine", engine.as_ref(), 100.0, [[1.7, 0.2], [2.15, 0.3]]),
+        ("ring", Some(&ring), 0.0, [[3.85, 0.22], [4.65, 0.22]]),
+        ("engine", engine.as_ref(), 100.0, [[1.78, 0.23], [2.4, 0.32]]),
     ] {
         let Some(volume) = volume else { continue };
         for (pixels, bound) in [1.0, 2.5].into_iter().zip(bounds) {
