@@ -57,8 +57,8 @@ impl<'a> Trial<'a> {
         Ok(self.errors(&self.truth, &self.drawn(self.scene, &self.windows[0], settings)?))
     }
 
-    /// Whether 99.9 % of the pixels that show anything are off by at most `limit`. Where a few alone are off by more, and be it one, but no
-    /// more than `most`, the other windows tell whether they are too many.
+    /// Whether 99.9 % of the pixels that show anything are off by at most `limit`. Where one in a thousand is off by more, or a few are, but
+    /// by no more than `most`, the other windows tell whether they are too many.
     pub(super) fn is_within(
         &self,
         [limit, most]: [f64; 2],
@@ -70,7 +70,8 @@ impl<'a> Trial<'a> {
         }
         // Of fewer than a thousand pixels the largest error counts.
         let are_enough = 2 * errors.len() >= 1000;
-        if !are_enough || keep_to(&mut errors, RARE) > limit || keep_to(&mut errors, 1.0) > most {
+        let are_few = keep_to(&mut errors, RARE) <= limit && keep_to(&mut errors, 1.0) <= most;
+        if !are_enough || keep_to(&mut errors, 0.999) > limit && !are_few {
             return Ok(false);
         }
         let more = &self.windows[1];
