@@ -14,7 +14,8 @@ use windows::windows;
 /// The share of the tolerance that 99.9 % of the pixels of windows may be off by in a way: they are a sample.
 const SHARE_OF_WAYS: f64 = 0.6;
 
-/// The share that no pixel of the first windows may be off by more than, or the way isn't taken whatever others show.
+/// The share that no pixel of the first windows may be off by more than where more than one in a thousand is off by too much, or the way isn't
+/// taken whatever others show.
 const MOST_OF_WAYS: f64 = 2.0;
 
 /// The share that 99 % may be off by where kernels end nearer. Windows see little of the tail of these errors, which lie along all
@@ -86,8 +87,8 @@ const FINER: [(Order, FootprintForm); 2] =
 /// tolerance.
 ///
 /// Windows of what the scene may touch of the picture, 64 of 6×6 pixels that are spread over it or all of it where that is small, are drawn in one way after another, from the quickest
-/// on, and the first is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Where one
-/// in a thousand is off by more, or a hundredth at most by two tolerances at most, three times as many windows elsewhere tell whether they are too many. Kernels are
+/// on, and the first is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Where at most one
+/// in a thousand is off by more, or at most a hundredth by at most two tolerances, three times as many windows elsewhere tell whether they are too many. Kernels are
 /// drawn to where opacities end; then the way that is taken is drawn with nearer ends, from the nearest on, and the first are taken that
 /// keep to a share of the tolerance beside the finest way drawn at an eighth of it (way and ends are judged together):
 /// - Extinctions end at a [cut-off](RenderSettings::cutoff) of 9, if that is what it is by default, or as it is, where 99 % of the

@@ -49,7 +49,7 @@ const BLUR: f64 = 0.4;
 /// The longest extent of surfels that are evenly wide, in spacings: single-precision positions don't resolve more.
 const MOST_SPACINGS: f64 = (1_u32 << 20) as f64;
 
-/// Half the depth tolerance of a mesh's surfels, as a share of the spacing: a tenth more than the mean standard deviation of their Gaussians.
+/// Half the depth tolerance of a mesh's surfels, as a share of the spacing: a sixth more than the mean standard deviation of their Gaussians.
 pub const KERNEL_SIGMA: f32 = 0.7;
 
 /// The floor w₀ of the summed coverage that [`sample`] keeps three radii away from borders and creases.

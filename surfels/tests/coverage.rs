@@ -12,8 +12,9 @@ use support::{Finder, mesh_of, quasirandom, surface, total_area};
 
 const PLACES: usize = 3000;
 
-/// Above the floor, what is to be seen of unevenness is little: colours are means over Σw.
-const CEILING: f64 = 1.15;
+/// Above the floor, what is to be seen of unevenness is little: colours are means over Σw, and a layer counts as more than one sheet only
+/// where it covers farther above 1 than the floor is below.
+const CEILING: f64 = 2.0 - COVERAGE_FLOOR as f64;
 
 fn surfels(mesh: &Mesh, count: usize) -> (Cloud, f64) {
     let cloud = sample(mesh, Density::Count(count), &SamplerSettings::default()).expect("the mesh is right");

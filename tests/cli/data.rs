@@ -170,6 +170,7 @@ fn a_quarter_of_the_engine_is_enough() {
         serde_json::from_str(&out).unwrap()
     };
     let whole = extract("whole.ply", &[])["surfels"].as_u64().unwrap();
+    // With 0.6 steps a hundredth of the values are off by 5 levels.
     let merging = &extract("merged.ply", &["--merge", "0.5,20"])["merging"];
     assert!(4 * merging["surfels"].as_u64().unwrap() <= whole, "{merging} of {whole}");
     assert!(

@@ -8,11 +8,10 @@ use common::*;
 use glam::DVec3;
 use oblate_volumes::{COVERAGE_FLOOR, IsoSettings, iso_surfels};
 
-/// A single sheet covers too much by unevenness as long as it is no farther above 1 than the floor is below; from twice that on a layer
-/// counts as several sheets (`engine/src/layers.rs`).
+/// A layer counts as more than one sheet where it covers farther above 1 than the floor is below (`engine/src/layers.rs`).
 const CEILING: f64 = 2.0 - COVERAGE_FLOOR as f64;
 
-/// On planes of any tilt, in any frame, Σw keeps to the floor: what the polygons' third moments and above, of up to a step in
+/// On planes of any tilt, in any frame, Σw is 1 within 11 %: what the polygons' third moments and above, of up to a step in
 /// length, are when a blur of 0.4 steps has smoothed them. (A blur of 0.65 leaves 0.7 %, and a surface that is softer for it.)
 #[test]
 fn planes_are_covered_evenly() {
@@ -35,7 +34,7 @@ fn planes_are_covered_evenly() {
             }
         }
         println!("planes, {name}: summed coverage {low:.4} to {high:.4}");
-        assert!(low >= f64::from(COVERAGE_FLOOR) && high <= CEILING, "{name}: {low} to {high}");
+        assert!(low >= 0.89 && high <= 1.11, "{name}: {low} to {high}");
     }
 }
 

@@ -1,5 +1,6 @@
 //! Ways of drawing beside the one that is right, in windows.
 
+use super::windows::OTHERS;
 use crate::camera::Camera;
 use crate::color::linear_to_srgb;
 use crate::frame::Channels;
@@ -57,8 +58,8 @@ impl<'a> Trial<'a> {
         Ok(self.errors(&self.truth, &self.drawn(self.scene, &self.windows[0], settings)?))
     }
 
-    /// Whether 99.9 % of the pixels that show anything are off by at most `limit`. Where one in a thousand is off by more, or a few are, but
-    /// by no more than `most`, the other windows tell whether they are too many.
+    /// Whether 99.9 % of the pixels that show anything are off by at most `limit`. Where at most one in a thousand is off by more, or a few are, but
+    /// by no more than `most`, the other windows tell whether they are too many; of all windows together a thousand pixels must show something.
     pub(super) fn is_within(
         &self,
         [limit, most]: [f64; 2],
@@ -68,8 +69,8 @@ impl<'a> Trial<'a> {
         if keep_to(&mut errors, 1.0) <= limit {
             return Ok(true);
         }
-        // Of fewer than a thousand pixels the largest error counts.
-        let are_enough = 2 * errors.len() >= 1000;
+        // Of fewer than a thousand pixels the largest error counts: as many as there are are expected in each as many other windows.
+        let are_enough = (1 + OTHERS as usize) * errors.len() >= 1000;
         let are_few = keep_to(&mut errors, RARE) <= limit && keep_to(&mut errors, 1.0) <= most;
         if !are_enough || keep_to(&mut errors, 0.999) > limit && !are_few {
             return Ok(false);

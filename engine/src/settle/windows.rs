@@ -8,12 +8,15 @@ use crate::scene::{RenderSettings, Scene};
 const WINDOWS: u32 = 8;
 const WINDOW: u32 = 6;
 
+/// How many times as many windows there are elsewhere, for what these can't decide.
+pub(super) const OTHERS: u32 = 3;
+
 /// Parts of so many pixels, four times as many as windows have, are one window: where much lies in a pixel, windows together would see
 /// splats several times.
 const WHOLE: u64 = 4 * (WINDOWS * WINDOW).pow(2) as u64;
 
-/// Cameras that see windows of the part of the picture that the scene may touch: each in a random place of its share of that; and three
-/// times as many elsewhere, for what these can't decide. A small part is one window, beside which there are no others. `None` where nothing is in
+/// Cameras that see windows of the part of the picture that the scene may touch: each in a random place of its share of that; and
+/// [`OTHERS`] times as many elsewhere. A small part is one window, beside which there are no others. `None` where nothing is in
 /// the picture; none in pictures that are smaller than a window.
 pub(super) fn windows(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> Option<[Vec<Camera>; 2]> {
     let mut visible = Vec::new();
@@ -49,5 +52,5 @@ pub(super) fn windows(scene: &Scene, camera: &Camera, settings: &RenderSettings)
         (sides[axis].start + (f64::from(room) * share) as u32) as i32
     };
     let window = |number: u32| camera.part([corner(number, 0), corner(number, 1)], [WINDOW; 2]).ok();
-    Some([0..all, all..4 * all].map(|numbers| numbers.filter_map(window).collect()))
+    Some([0..all, all..(1 + OTHERS) * all].map(|numbers| numbers.filter_map(window).collect()))
 }

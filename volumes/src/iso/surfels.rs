@@ -13,12 +13,12 @@ use super::surfel::{IsoSurfel, NUMBERS};
 use super::{COVERAGE_FLOOR, IRREGULAR_COVERAGE_FLOOR, IsoError, IsoSettings};
 use crate::volume::GridFrame;
 
-/// About the largest standard deviation of a surfel, in steps: no polygon in a cell has much more than 1/6 as
-/// its variance along an axis, to which the blur adds 1/5.
+/// A little more than the largest standard deviation of a surfel, in steps: no polygon in a cell has much more than 1/6 as
+/// its variance along an axis, to which the blur adds 0.16.
 const SURFEL_RADIUS: f64 = 0.6;
 
 /// The standard deviation of a surfel along its longer half-axis, in steps, on average.
-const MEAN_RADIUS: f64 = 0.54;
+const MEAN_RADIUS: f64 = 0.5;
 
 /// The surfels of a surface: 40 bytes each, block of cells by block, in Morton order of bricks of 8×8×8 cells, and in these cube
 /// by cube of 2×2×2.
