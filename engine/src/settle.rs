@@ -37,7 +37,7 @@ const NEARER: f64 = 9.0;
 const END_SHARES: [f64; 5] = [1.0 / 4.0, 1.0 / 8.0, 1.0 / 16.0, 1.0 / 32.0, 1.0 / 64.0];
 
 /// Where surfels may end, from the nearest on: tried where coverage steps by two tolerances at most at the outline of one by itself.
-/// At 5 an iso-surface shows faint dots, which 99.9 % of the pixels hide.
+/// At 5 an iso-surface shows faint dots, few enough for 99.9 % of the pixels, and is drawn no sooner.
 const OUTLINES: [f64; 2] = [6.25, 9.0];
 
 /// How much wider than it is the pixels' filter may count for levels of detail, from the quickest on: what makes them differ is fitted to
