@@ -69,7 +69,7 @@ impl<'a> Trial<'a> {
         if keep_to(&mut errors, 1.0) <= limit {
             return Ok(true);
         }
-        // Of fewer than a thousand pixels the largest error counts: as many as there are are expected in each as many other windows.
+        // Of fewer than a thousand pixels in all windows, of which the others are expected to show as much, the largest error counts.
         let are_enough = (1 + OTHERS as usize) * errors.len() >= 1000;
         let are_few = keep_to(&mut errors, RARE) <= limit && keep_to(&mut errors, 1.0) <= most;
         if !are_enough || keep_to(&mut errors, 0.999) > limit && !are_few {
