@@ -239,7 +239,8 @@ impl Compositor<'_> {
             count += todo.count_ones();
             runs.rough |= u64::from(todo & kernels.rough != 0) << here.block;
             if todo & !(whole & kernels.plain) == 0 {
-                let plain = Plain { kernels, set: todo, corner, pixels, segment: None };
+                let ray_length = kernels.plain_ray_lengths(simd, pixels, (here.tile, &self.lens));
+                let plain = Plain { kernels, set: todo, corner, pixels, ray_length, segment: None };
                 opening.add_plain::<DEPTH>(simd, plain, policy, &mut opens[0][here.block]);
             } else {
                 opening.store(&mut runs.segments[0][here.block], &mut opens[0][here.block]);
@@ -314,9 +315,10 @@ impl Compositor<'_> {
         if O::CUTS_PLAIN {
             plain_here |= kernels.plain_media();
         }
+        let ray_length = kernels.plain_ray_lengths(simd, pixels, (here.tile, &self.lens));
         loop {
             let set = before(todo, todo & !plain_here);
-            let plain = Plain { kernels, set, corner, pixels, segment: Some(segment) };
+            let plain = Plain { kernels, set, corner, pixels, ray_length, segment: Some(segment) };
             opening.add_plain::<DEPTH>(simd, plain, policy, open);
             todo ^= set;
             if todo == 0 {

@@ -54,6 +54,8 @@ pub(super) struct Plain<'a, S: Simd> {
     pub(super) set: u64,
     pub(super) corner: [f32; 2],
     pub(super) pixels: [W<S>; 2],
+    /// Of rays with z = 1, as plain kernels ask for them.
+    pub(super) ray_length: W<S>,
     /// Of which they may lie partly outside; `None`: all are whole.
     pub(super) segment: Option<Segment<S>>,
 }
@@ -70,17 +72,18 @@ impl<S: Simd> Plain<'_, S> {
     /// The opacity of a kernel, and its z if that is asked for.
     #[inline(always)]
     pub(super) fn alpha_and_depth<const DEPTH: bool>(&self, simd: S, number: usize) -> [W<S>; 2] {
-        let Self { kernels, pixels, segment, .. } = self;
+        let Self { kernels, pixels, segment, ray_length, .. } = self;
+        let rays = (*pixels, *ray_length);
         match segment.filter(|segment| segment.whole() >> number & 1 == 0) {
             None => {
-                let alpha = kernels.plain_alpha(simd, number, *pixels, None);
+                let alpha = kernels.plain_alpha(simd, number, rays, None);
                 [alpha, if DEPTH { kernels.depth_at(simd, number, *pixels) } else { alpha }]
             }
             Some(segment) => {
                 let depth = kernels.depth_at(simd, number, *pixels);
                 let inverse = 1.0 / kernels.sigma_z(number).max(LEAST_SIGMA);
                 let share = segment.share(simd, number, (depth, W::simd_from(simd, inverse)));
-                [kernels.plain_alpha(simd, number, *pixels, Some(share)), segment.nearest_to(depth)]
+                [kernels.plain_alpha(simd, number, rays, Some(share)), segment.nearest_to(depth)]
             }
         }
     }

@@ -1,8 +1,9 @@
 //! Volume records to optical depths or opacities at the pixels of a block.
 
 use super::column::{BATCH, Column, sixteen, sixteen_of};
-use super::offsets::{Exact, HALF_LOG2_E, Plane};
+use super::offsets::{Exact, HALF_LOG2_E};
 use super::outline::{BlockMasks, Outlines};
+use super::plain::{TAYLOR, THIN, THIN_PEAK};
 use super::sixteen::{Sixteen, touch};
 use super::slabs::SlabColumns;
 use crate::camera::Projection;
@@ -11,15 +12,6 @@ use crate::footprint::{Kind, Lens, Record, Rect};
 use crate::lattice::LEAST_SIGMA;
 use crate::simd::*;
 use crate::tile::{HALF_BLOCK, Tile};
-
-/// Up to this optical depth opacities are a cubic polynomial.
-const THIN_PEAK: f32 = 0.25;
-
-/// (1 − e^{−t})/t on [0, [`THIN_PEAK`]] to 2e-5 of itself, relative minimax.
-const THIN: [f32; 3] = [0.999_980_4, -0.498_614_63, 0.151_798_94];
-
-/// α = τ.
-const TAYLOR: [f32; 3] = [1.0, 0.0, 0.0];
 
 /// Beyond this many σ_z a kernel has 6e-5 of its mass, which counts as none.
 const REACH: f32 = NORMAL_END;
@@ -63,23 +55,30 @@ pub(crate) fn reach_to_cuts(tolerance: f64) -> f32 {
 #[repr(C, align(64))]
 pub(crate) struct Kernels {
     pub(super) outlines: Outlines,
-    /// α as a polynomial of w = e^{−r/2} without constant term, where a kernel is plain.
-    alpha: [Column; 3],
+    /// α as a polynomial of the strength without constant term, where a kernel is plain.
+    pub(super) alpha: [Column; 3],
     /// −kr where they end.
     least: Column,
+    /// log₂ of amplitudes, by which strengths are 2^{peak − kr}, and of strengths where they end.
+    pub(super) peak: Column,
+    pub(super) border: Column,
     pub(super) color: [Column; 3],
     pub(super) amplitude: Column,
     /// How far they reach along z from their centres, anywhere in the picture: to the end of their ellipsoids, and
     /// [`REACH`] σ_z.
     reach: Column,
-    /// Those whose opacities are the polynomial; of optical depths only in the affine form, where they have a peak. Where there
-    /// are slabs, those in the affine form.
+    /// Those of which nothing but the opacity is asked for. Optical depths that aren't small are plain only where there are no opacities.
+    /// Where there are slabs, those in the affine form.
     pub(crate) plain: u64,
     /// Where there are slabs.
     pub(crate) slabs: SlabColumns,
-    is_taylor: bool,
+    pub(super) is_taylor: bool,
     /// Whether all are of kind `Opacity`: their polynomials end after the first term.
-    is_linear: bool,
+    pub(super) is_linear: bool,
+    /// Whether plain optical depths may be large: there are no opacities then.
+    pub(super) is_thick: bool,
+    /// 1 where strengths are per length of the ray, as those of optical depths in the exact form, and 0 of others.
+    pub(super) per_length: Column,
     /// Those of kind `Opacity`.
     pub(super) opacities: u64,
     /// Those that lie wholly behind the near plane.
@@ -129,6 +128,8 @@ impl Kernels {
         outlines: Outlines::NONE,
         alpha: [[0.0; BATCH]; 3],
         least: [0.0; BATCH],
+        peak: [0.0; BATCH],
+        border: [0.0; BATCH],
         color: [[0.0; BATCH]; 3],
         amplitude: [0.0; BATCH],
         reach: [0.0; BATCH],
@@ -136,6 +137,8 @@ impl Kernels {
         slabs: SlabColumns::NONE,
         is_taylor: false,
         is_linear: false,
+        is_thick: false,
+        per_length: [0.0; BATCH],
         opacities: 0,
         whole: 0,
         rough: 0,
@@ -155,6 +158,7 @@ impl Kernels {
         let rect = |number: usize| &rects[list[number] as usize];
         self.outlines.begin_with(list.len(), 0);
         (self.opacities, self.plain, self.whole, self.rough) = (0, 0, 0, 0);
+        self.is_thick = false;
         self.is_taylor = lens.is_taylor;
         touch(records, list);
         for first in self.outlines.sixteens() {
@@ -203,26 +207,27 @@ impl Kernels {
         if lens.is_taylor {
             amplitude = amplitude.min(W::simd_from(simd, 1.0));
         }
-        let square = amplitude * amplitude;
         let opacity = mask32x16::from_bitmask(simd, self.opacities >> first);
         let exact = mask32x16::from_bitmask(simd, self.outlines.exact >> first);
         let zero = W::simd_from(simd, 0.0);
-        let [linear, quadratic, cubic] = if lens.is_taylor { TAYLOR } else { THIN };
-        let thin = [
-            opacity.select(amplitude, amplitude * linear),
-            opacity.select(zero, square * quadratic),
-            opacity.select(zero, square * amplitude * cubic),
-        ];
-        for (column, thin) in self.alpha.iter_mut().zip(thin) {
-            thin.store_slice(&mut column[range.clone()]);
+        let thin = if lens.is_taylor { TAYLOR } else { THIN };
+        for ((column, thin), of_opacity) in self.alpha.iter_mut().zip(thin).zip(TAYLOR) {
+            let alpha = opacity.select(W::simd_from(simd, of_opacity), W::simd_from(simd, thin));
+            alpha.store_slice(&mut column[range.clone()]);
         }
         let is_plain = if lens.closing.has_slabs() {
             // Optical depths add up, and need no polynomial.
             !exact
         } else {
+            // In the exact form they have no peak.
             let most = W::simd_from(simd, if lens.is_taylor { f32::INFINITY } else { THIN_PEAK });
-            opacity | (amplitude.simd_le(most) & !exact)
+            let is_thin = opacity | (!exact & amplitude.simd_le(most));
+            let are_media = self.opacities == 0 && !lens.is_taylor;
+            self.is_thick |= are_media && !is_thin.all_true();
+            is_thin | mask32x16::splat(simd, are_media)
         };
+        let per_length = (exact & !opacity).select(W::simd_from(simd, 1.0), zero);
+        per_length.store_slice(&mut self.per_length[range.clone()]);
         self.plain |= is_plain.to_bitmask() << first;
         // An opacity that is not seen at all was dropped: the logarithm is positive.
         let end = W::simd_from(simd, lens.cutoff * HALF_LOG2_E);
@@ -233,6 +238,9 @@ impl Kernels {
         let end = opacity.select(own.min(end), end);
         end.store_slice(&mut self.outlines.end[range.clone()]);
         (-end).store_slice(&mut self.least[range.clone()]);
+        let peak = log2(simd, amplitude.max(W::simd_from(simd, f32::MIN_POSITIVE)));
+        peak.store_slice(&mut self.peak[range.clone()]);
+        (peak - end).max(W::simd_from(simd, -126.0)).store_slice(&mut self.border[range.clone()]);
         // Σ_zz is σ_z² and what the slope of the depth adds over the footprint, |M⁻ᵀ slope|².
         let [a, b, c] = sixteen_of(simd, &self.outlines.root, first);
         let slope = sixteen_of(simd, &self.outlines.depth_slope, first);
@@ -316,59 +324,10 @@ impl Kernels {
         [self.color[0][number], self.color[1][number], self.color[2][number]]
     }
 
-    /// Plain kernels of which a share is the same share of w: those of optical depths, unless these are taken for opacities, which
-    /// end at 1.
-    #[inline(always)]
-    pub(crate) fn plain_media(&self) -> u64 {
-        if self.is_taylor { 0 } else { self.plain & !self.opacities }
-    }
-
     /// Whether strengths are opacities.
     #[inline(always)]
     pub(crate) fn is_opacity(&self, number: usize) -> bool {
         self.opacities >> number & 1 != 0
-    }
-
-    /// The opacity of a kernel, or of a share of it, of an optical depth.
-    #[inline(always)]
-    pub(crate) fn opacity<S: Simd>(&self, simd: S, number: usize, optical_depth: W<S>) -> W<S> {
-        if self.is_taylor {
-            optical_depth.min(W::simd_from(simd, 1.0))
-        } else if self.plain >> number & 1 != 0 && !self.is_opacity(number) {
-            optical_depth * polynomial(simd, optical_depth, THIN)
-        } else {
-            opacity(simd, optical_depth)
-        }
-    }
-
-    /// The opacity of a kernel that is plain at pixels; or of a share of it, of an optical depth.
-    #[inline(always)]
-    pub(crate) fn plain_alpha<S: Simd>(
-        &self,
-        simd: S,
-        number: usize,
-        pixels: [W<S>; 2],
-        share: Option<W<S>>,
-    ) -> W<S> {
-        let offsets = self.outlines.offsets(simd, number, pixels);
-        // Of a batch all or none: a branch for each kernel is foreseen wrongly, which takes longer than the division.
-        let exponent = if self.outlines.exact == 0 {
-            offsets.exponent
-        } else {
-            self.outlines.plane(number).exponent(simd, &offsets)
-        };
-        let mut w = self.weight(simd, number, exponent);
-        if let Some(share) = share {
-            w *= share;
-        }
-        let [first, second, third] = self.alpha.each_ref().each(
-            #[inline(always)]
-            |column| W::simd_from(simd, column[number]),
-        );
-        if self.is_linear {
-            return w * first;
-        }
-        w * w.mul_add(w.mul_add(third, second), first)
     }
 
     /// σ_z of a kernel in the affine form.
@@ -377,26 +336,13 @@ impl Kernels {
         self.outlines.sigma_z[number]
     }
 
-    /// The optical depth of a plain kernel at pixels, where sums are of optical depths.
-    #[inline(always)]
-    pub(crate) fn plain_optical_depth<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
-        let exponent = self.outlines.offsets(simd, number, pixels).exponent;
-        self.affine_optical_depth(simd, number, exponent)
-    }
-
-    #[inline(always)]
-    pub(super) fn affine_optical_depth<S: Simd>(&self, simd: S, number: usize, exponent: W<S>) -> W<S> {
-        let strength = self.weight(simd, number, exponent) * self.amplitude[number];
-        if self.is_opacity(number) { optical_depth(simd, strength) } else { strength }
-    }
-
     /// z at pixels.
     #[inline(always)]
     pub(crate) fn depth_at<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
         let offsets = self.outlines.offsets(simd, number, pixels);
         if !self.outlines.is_exact(number) {
-            let Plane { depth, slope, .. } = self.outlines.plane(number);
-            offsets.linear(simd, depth, slope)
+            let slope = [0, 1].map(|axis| self.outlines.depth_slope[axis][number]);
+            offsets.linear(simd, self.outlines.depth[number], slope)
         } else {
             Exact::new(simd, &offsets, &self.outlines.plane(number)).depth
         }
@@ -415,7 +361,7 @@ impl Kernels {
         let (amplitude, sigma_z) = (self.amplitude[number], self.outlines.sigma_z[number]);
         if !self.outlines.is_exact(number) {
             return Fragments {
-                strength: self.weight(simd, number, offsets.exponent) * amplitude,
+                strength: self.weight(simd, number, offsets.exponent()) * amplitude,
                 depth: self.depth_at(simd, number, pixels),
                 sigma_z: W::simd_from(simd, sigma_z),
             };

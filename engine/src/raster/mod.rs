@@ -7,6 +7,7 @@ mod column;
 mod kernel;
 mod offsets;
 mod outline;
+mod plain;
 mod sixteen;
 mod slabs;
 mod surfel;
