@@ -3,7 +3,7 @@
 use super::column::{BATCH, Column, sixteen, sixteen_of};
 use super::offsets::{Exact, HALF_LOG2_E};
 use super::outline::{BlockMasks, Outlines};
-use super::plain::{TAYLOR, THIN, THIN_PEAK};
+use super::plain::{LEAST_THICK, TAYLOR, THIN, THIN_PEAK};
 use super::sixteen::{Sixteen, touch};
 use super::slabs::SlabColumns;
 use crate::camera::Projection;
@@ -67,15 +67,15 @@ pub(crate) struct Kernels {
     /// How far they reach along z from their centres, anywhere in the picture: to the end of their ellipsoids, and
     /// [`REACH`] σ_z.
     reach: Column,
-    /// Those of which nothing but the opacity is asked for. Optical depths that aren't small are plain only where there are no opacities.
-    /// Where there are slabs, those in the affine form.
+    /// Those of which nothing but the opacity is asked for: of optical depths only small ones in the affine form, where they have a peak,
+    /// unless the batch is thick. Where there are slabs, those in the affine form.
     pub(crate) plain: u64,
     /// Where there are slabs.
     pub(crate) slabs: SlabColumns,
     pub(super) is_taylor: bool,
     /// Whether all are of kind `Opacity`: their polynomials end after the first term.
     pub(super) is_linear: bool,
-    /// Whether plain optical depths may be large: there are no opacities then.
+    /// Whether all are optical depths, many of them large or in the exact form: all are plain then.
     pub(super) is_thick: bool,
     /// 1 where strengths are per length of the ray, as those of optical depths in the exact form, and 0 of others.
     pub(super) per_length: Column,
@@ -158,7 +158,6 @@ impl Kernels {
         let rect = |number: usize| &rects[list[number] as usize];
         self.outlines.begin_with(list.len(), 0);
         (self.opacities, self.plain, self.whole, self.rough) = (0, 0, 0, 0);
-        self.is_thick = false;
         self.is_taylor = lens.is_taylor;
         touch(records, list);
         for first in self.outlines.sixteens() {
@@ -184,6 +183,12 @@ impl Kernels {
             hidden |= nearest.simd_gt(W::simd_from(simd, hidden_from)).to_bitmask() << first;
             self.whole |= nearest.simd_gt(W::simd_from(simd, lens.near)).to_bitmask() << first;
         }
+        let others = self.outlines.all() & !self.plain;
+        let are_many = LEAST_THICK * others.count_ones() as usize >= list.len();
+        self.is_thick = self.opacities == 0 && !lens.is_taylor && !lens.closing.has_slabs() && are_many;
+        if self.is_thick {
+            self.plain = u64::MAX;
+        }
         if let Closing::Slabs(slabs) = &lens.closing {
             for first in self.outlines.sixteens() {
                 self.prepare_slabs(simd, (tile, slabs), first);
@@ -204,7 +209,8 @@ impl Kernels {
     fn prepare<S: Simd>(&mut self, simd: S, lens: &KernelLens, first: usize) {
         let range = first..first + 16;
         let mut amplitude = sixteen(simd, &self.amplitude, first);
-        if lens.is_taylor {
+        // As opacities, which they are taken for where there are no slabs.
+        if lens.is_taylor && !lens.closing.has_slabs() {
             amplitude = amplitude.min(W::simd_from(simd, 1.0));
         }
         let opacity = mask32x16::from_bitmask(simd, self.opacities >> first);
@@ -219,12 +225,8 @@ impl Kernels {
             // Optical depths add up, and need no polynomial.
             !exact
         } else {
-            // In the exact form they have no peak.
             let most = W::simd_from(simd, if lens.is_taylor { f32::INFINITY } else { THIN_PEAK });
-            let is_thin = opacity | (!exact & amplitude.simd_le(most));
-            let are_media = self.opacities == 0 && !lens.is_taylor;
-            self.is_thick |= are_media && !is_thin.all_true();
-            is_thin | mask32x16::splat(simd, are_media)
+            opacity | (amplitude.simd_le(most) & !exact)
         };
         let per_length = (exact & !opacity).select(W::simd_from(simd, 1.0), zero);
         per_length.store_slice(&mut self.per_length[range.clone()]);

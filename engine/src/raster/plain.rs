@@ -14,6 +14,9 @@ pub(super) const THIN: [f32; 3] = [0.999_980_4, -0.498_614_63, 0.151_798_94];
 /// α = τ.
 pub(super) const TAYLOR: [f32; 3] = [1.0, 0.0, 0.0];
 
+/// Where one of as many in a batch of optical depths isn't thin, or is in the exact form, all are evaluated so that this doesn't matter.
+pub(super) const LEAST_THICK: usize = 4;
+
 impl Kernels {
     /// Plain kernels of which a share is the same share of w: those of optical depths, unless these are taken for opacities, which
     /// end at 1.

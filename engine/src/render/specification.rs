@@ -411,7 +411,7 @@ fn pictures_are_what_is_specified() {
             ("trained with two sheets", with(trained(), &two()), perspective, usual),
         ]);
     }
-    // Seen from so near rays have lengths up to 1.5.
+    // Rays half as long again as they are deep.
     let near_pose = Pose::look_at(DVec3::new(0.4, 0.3, -2.0), DVec3::ZERO, DVec3::Y).unwrap();
     let wide = Camera::perspective(near_pose, 1.3, [45, 37]).unwrap();
     let each_in_its_own = RenderSettings { footprint: FootprintForm::Auto, tolerance: 0.1, ..usual };
@@ -493,9 +493,7 @@ fn compare(scene: &Scene, camera: &Camera, settings: &RenderSettings, level: Lev
     if doubtful > frame.color.len() / 20 || seen < 100 {
         failure.get_or_insert(format!("{doubtful} pixels doubtful, {seen} seen"));
     }
-    let summary = format!(
-        "largest error {worst:.1e}, {share:.2} of its bound; {doubtful} doubtful, {failed} wrong; forms {:?}",
-        volumes.forms()
-    );
+    let summary =
+        format!("largest error {worst:.1e}, {share:.2} of its bound; {doubtful} doubtful, {failed} wrong");
     Report { summary, failure }
 }
