@@ -11,7 +11,7 @@ pub(super) trait Opening<S: Simd>: Sized {
     type Open: Default;
     /// Whether anything does.
     const KEEPS_OPEN: bool;
-    /// Whether plain kernels may be cut, if they are of those whose shares are shares of w; else they are whole.
+    /// Whether plain kernels may be cut, if they are of those whose shares are shares of strengths; else they are whole.
     const CUTS_PLAIN: bool;
     /// What is the same for all blocks.
     type Policy<'a>: Copy;

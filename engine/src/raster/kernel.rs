@@ -1,9 +1,9 @@
 //! Volume records to optical depths or opacities at the pixels of a block.
 
 use super::column::{BATCH, Column, sixteen, sixteen_of};
-use super::offsets::{Exact, HALF_LOG2_E};
+use super::offsets::{Exact, HALF_LOG2_E, Plane};
 use super::outline::{BlockMasks, Outlines};
-use super::plain::{LEAST_THICK, TAYLOR, THIN, THIN_PEAK};
+use super::plain::{ONE_THICK_OF, TAYLOR, THIN, THIN_PEAK};
 use super::sixteen::{Sixteen, touch};
 use super::slabs::SlabColumns;
 use crate::camera::Projection;
@@ -55,20 +55,21 @@ pub(crate) fn reach_to_cuts(tolerance: f64) -> f32 {
 #[repr(C, align(64))]
 pub(crate) struct Kernels {
     pub(super) outlines: Outlines,
-    /// α as a polynomial of the strength without constant term, where a kernel is plain.
+    /// α as a polynomial of the strength without constant term, where a kernel is plain and there are neither slabs nor a thick batch.
     pub(super) alpha: [Column; 3],
     /// −kr where they end.
-    least: Column,
-    /// log₂ of amplitudes, by which strengths are 2^{peak − kr}, and of strengths where they end.
+    pub(super) least: Column,
+    /// log₂ of amplitudes, by which strengths are 2^{peak − kr}.
     pub(super) peak: Column,
-    pub(super) border: Column,
     pub(super) color: [Column; 3],
     pub(super) amplitude: Column,
     /// How far they reach along z from their centres, anywhere in the picture: to the end of their ellipsoids, and
     /// [`REACH`] σ_z.
     reach: Column,
-    /// Those of which nothing but the opacity is asked for: of optical depths only small ones in the affine form, where they have a peak,
-    /// unless the batch is thick. Where there are slabs, those in the affine form.
+    /// Those whose opacities are the polynomial; of optical depths only in the affine form, where they have a peak. Where there are slabs, those
+    /// in the affine form.
+    pub(super) thin: u64,
+    /// Those that need no more than an opacity, and z where that is asked for: the thin ones, and all of a thick batch.
     pub(crate) plain: u64,
     /// Where there are slabs.
     pub(crate) slabs: SlabColumns,
@@ -129,10 +130,10 @@ impl Kernels {
         alpha: [[0.0; BATCH]; 3],
         least: [0.0; BATCH],
         peak: [0.0; BATCH],
-        border: [0.0; BATCH],
         color: [[0.0; BATCH]; 3],
         amplitude: [0.0; BATCH],
         reach: [0.0; BATCH],
+        thin: 0,
         plain: 0,
         slabs: SlabColumns::NONE,
         is_taylor: false,
@@ -157,7 +158,7 @@ impl Kernels {
         let last = list.len().saturating_sub(1);
         let rect = |number: usize| &rects[list[number] as usize];
         self.outlines.begin_with(list.len(), 0);
-        (self.opacities, self.plain, self.whole, self.rough) = (0, 0, 0, 0);
+        (self.opacities, self.thin, self.whole, self.rough) = (0, 0, 0, 0);
         self.is_taylor = lens.is_taylor;
         touch(records, list);
         for first in self.outlines.sixteens() {
@@ -183,12 +184,10 @@ impl Kernels {
             hidden |= nearest.simd_gt(W::simd_from(simd, hidden_from)).to_bitmask() << first;
             self.whole |= nearest.simd_gt(W::simd_from(simd, lens.near)).to_bitmask() << first;
         }
-        let others = self.outlines.all() & !self.plain;
-        let are_many = LEAST_THICK * others.count_ones() as usize >= list.len();
+        let others = self.outlines.all() & !self.thin;
+        let are_many = ONE_THICK_OF * others.count_ones() as usize >= list.len();
         self.is_thick = self.opacities == 0 && !lens.is_taylor && !lens.closing.has_slabs() && are_many;
-        if self.is_thick {
-            self.plain = u64::MAX;
-        }
+        self.plain = if self.is_thick { u64::MAX } else { self.thin };
         if let Closing::Slabs(slabs) = &lens.closing {
             for first in self.outlines.sixteens() {
                 self.prepare_slabs(simd, (tile, slabs), first);
@@ -221,7 +220,7 @@ impl Kernels {
             let alpha = opacity.select(W::simd_from(simd, of_opacity), W::simd_from(simd, thin));
             alpha.store_slice(&mut column[range.clone()]);
         }
-        let is_plain = if lens.closing.has_slabs() {
+        let is_thin = if lens.closing.has_slabs() {
             // Optical depths add up, and need no polynomial.
             !exact
         } else {
@@ -230,7 +229,7 @@ impl Kernels {
         };
         let per_length = (exact & !opacity).select(W::simd_from(simd, 1.0), zero);
         per_length.store_slice(&mut self.per_length[range.clone()]);
-        self.plain |= is_plain.to_bitmask() << first;
+        self.thin |= is_thin.to_bitmask() << first;
         // An opacity that is not seen at all was dropped: the logarithm is positive.
         let end = W::simd_from(simd, lens.cutoff * HALF_LOG2_E);
         let least = W::simd_from(simd, lens.least_alpha.max(f32::MIN_POSITIVE));
@@ -240,9 +239,9 @@ impl Kernels {
         let end = opacity.select(own.min(end), end);
         end.store_slice(&mut self.outlines.end[range.clone()]);
         (-end).store_slice(&mut self.least[range.clone()]);
-        let peak = log2(simd, amplitude.max(W::simd_from(simd, f32::MIN_POSITIVE)));
+        // Where kernels end their strengths are no subnormal numbers.
+        let peak = log2(simd, amplitude.max(W::simd_from(simd, f32::MIN_POSITIVE))).max(end - 126.0);
         peak.store_slice(&mut self.peak[range.clone()]);
-        (peak - end).max(W::simd_from(simd, -126.0)).store_slice(&mut self.border[range.clone()]);
         // Σ_zz is σ_z² and what the slope of the depth adds over the footprint, |M⁻ᵀ slope|².
         let [a, b, c] = sixteen_of(simd, &self.outlines.root, first);
         let slope = sixteen_of(simd, &self.outlines.depth_slope, first);
@@ -343,8 +342,8 @@ impl Kernels {
     pub(crate) fn depth_at<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
         let offsets = self.outlines.offsets(simd, number, pixels);
         if !self.outlines.is_exact(number) {
-            let slope = [0, 1].map(|axis| self.outlines.depth_slope[axis][number]);
-            offsets.linear(simd, self.outlines.depth[number], slope)
+            let Plane { depth, slope, .. } = self.outlines.plane(number);
+            offsets.linear(simd, depth, slope)
         } else {
             Exact::new(simd, &offsets, &self.outlines.plane(number)).depth
         }
@@ -363,7 +362,7 @@ impl Kernels {
         let (amplitude, sigma_z) = (self.amplitude[number], self.outlines.sigma_z[number]);
         if !self.outlines.is_exact(number) {
             return Fragments {
-                strength: self.weight(simd, number, offsets.exponent()) * amplitude,
+                strength: self.weight(simd, number, offsets.exponent) * amplitude,
                 depth: self.depth_at(simd, number, pixels),
                 sigma_z: W::simd_from(simd, sigma_z),
             };

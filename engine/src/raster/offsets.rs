@@ -8,12 +8,11 @@ pub(crate) const HALF_LOG2_E: f32 = 0.5 * std::f32::consts::LOG2_E;
 /// √k, by which roots of conics are scaled.
 pub(crate) const ROOT_HALF_LOG2_E: f32 = 0.849_321_8;
 
-/// Offsets (u, v) and √k Mu.
+/// Offsets (u, v) and −kq.
 pub(crate) struct Offsets<S: Simd> {
     u: W<S>,
     v: W<S>,
-    along: W<S>,
-    across: W<S>,
+    pub(crate) exponent: W<S>,
 }
 
 impl<S: Simd> Offsets<S> {
@@ -23,20 +22,8 @@ impl<S: Simd> Offsets<S> {
         let [a, b, c] = root;
         let (u, v) = (pixels[0] - mean[0], pixels[1] - mean[1]);
         let along = u.mul_add(W::simd_from(simd, a), v * b);
-        Self { u, v, along, across: v * c }
-    }
-
-    /// −kq, by which a splat in the affine form falls off.
-    #[inline(always)]
-    pub(crate) fn exponent(&self) -> W<S> {
-        (-self.along).mul_sub(self.along, self.across * self.across)
-    }
-
-    /// The same and a number.
-    #[inline(always)]
-    pub(crate) fn exponent_and(&self, simd: S, number: f32) -> W<S> {
-        let across = (-self.across).mul_add(self.across, W::simd_from(simd, number));
-        (-self.along).mul_add(self.along, across)
+        let across = v * c;
+        Self { u, v, exponent: (-along).mul_sub(along, across * across) }
     }
 
     /// A function of the pixel that is linear.
@@ -49,8 +36,8 @@ impl<S: Simd> Offsets<S> {
 
 /// A record in the exact form at pixels.
 ///
-/// With κ = 1/d_z, t = 1 − κ·rise, den = t² + (κσ₀)² q: r = q/den, σ_z = σ₀/√den, z = d_z t/den. Where κ and σ₀ are 0 r is the affine
-/// form's.
+/// With κ = 1/d_z, t = 1 − κ·rise, den = t² + (κσ₀)² q: r = q/den, σ_z = σ₀/√den, z = (d_z − rise)/den. Where κ and σ₀ are 0 r
+/// is the affine form's.
 pub(crate) struct Exact<S: Simd> {
     /// −kr.
     pub(crate) exponent: W<S>,
@@ -64,38 +51,35 @@ pub(crate) struct Exact<S: Simd> {
 #[repr(C)]
 pub(crate) struct Plane {
     pub(crate) depth: f32,
-    /// Of t.
     pub(crate) slope: [f32; 2],
+    /// κ.
+    pub(crate) per_depth: f32,
     /// (κσ₀)²/k.
     pub(crate) spread: f32,
 }
 
 impl Plane {
-    /// −kq, t and den.
+    /// How much deeper than at the mean pixels are in the affine form, and den.
     #[inline(always)]
-    fn of_den<S: Simd>(&self, simd: S, offsets: &Offsets<S>) -> [W<S>; 3] {
-        let (exponent, t) = (offsets.exponent(), offsets.linear(simd, 1.0, self.slope));
-        [exponent, t, (-exponent).mul_add(W::simd_from(simd, self.spread), t * t)]
+    fn rise_and_den<S: Simd>(&self, simd: S, offsets: &Offsets<S>) -> [W<S>; 2] {
+        let rise = offsets.linear(simd, 0.0, self.slope);
+        let t = W::simd_from(simd, 1.0) - rise * self.per_depth;
+        [rise, (-offsets.exponent).mul_add(W::simd_from(simd, self.spread), t * t)]
     }
 
-    /// −kr and a number; NaN, perhaps, in the camera plane and infinitely far from it.
+    /// −kr alone; NaN, perhaps, in the camera plane and infinitely far from it.
     #[inline(always)]
-    pub(crate) fn exponent_and<S: Simd>(&self, simd: S, offsets: &Offsets<S>, number: f32) -> W<S> {
-        let [exponent, _, den] = self.of_den(simd, offsets);
-        exponent.mul_add(reciprocal(simd, den), W::simd_from(simd, number))
+    pub(crate) fn exponent<S: Simd>(&self, simd: S, offsets: &Offsets<S>) -> W<S> {
+        let [_, den] = self.rise_and_den(simd, offsets);
+        offsets.exponent * reciprocal(simd, den)
     }
 
     /// The same as some number or −∞, and 1/√den.
     #[inline(always)]
-    pub(crate) fn exponent_and_scale<S: Simd>(
-        &self,
-        simd: S,
-        offsets: &Offsets<S>,
-        number: f32,
-    ) -> [W<S>; 2] {
-        let [exponent, _, den] = self.of_den(simd, offsets);
+    pub(crate) fn exponent_and_scale<S: Simd>(&self, simd: S, offsets: &Offsets<S>) -> [W<S>; 2] {
+        let [_, den] = self.rise_and_den(simd, offsets);
         let per_den = reciprocal(simd, divisible(simd, den));
-        [exponent.mul_add(per_den, W::simd_from(simd, number)), per_den.sqrt()]
+        [offsets.exponent * per_den, per_den.sqrt()]
     }
 }
 
@@ -103,10 +87,14 @@ impl<S: Simd> Exact<S> {
     /// From where pixels are.
     #[inline(always)]
     pub(crate) fn new(simd: S, offsets: &Offsets<S>, plane: &Plane) -> Self {
-        let [exponent, t, den] = plane.of_den(simd, offsets);
+        let [rise, den] = plane.rise_and_den(simd, offsets);
         let den = divisible(simd, den);
         let per_den = reciprocal(simd, den);
-        Self { exponent: exponent * per_den, depth: t * plane.depth * per_den, den }
+        Self {
+            exponent: offsets.exponent * per_den,
+            depth: (W::simd_from(simd, plane.depth) - rise) * per_den,
+            den,
+        }
     }
 }
 

@@ -20,9 +20,8 @@ pub(crate) struct Outlines {
     pub(crate) depth: Column,
     pub(crate) depth_slope: [Column; 2],
     pub(crate) sigma_z: Column,
-    /// 1/d_z, the slopes of 1 − κ·rise and (σ₀/d_z)²/k where any is in the exact form; 0 of the others.
+    /// 1/d_z and (σ₀/d_z)²/k where any is in the exact form; 0 of the others.
     pub(crate) per_depth: Column,
-    pub(crate) divisor_slope: [Column; 2],
     pub(crate) spread: Column,
     /// Those in the exact form, and the points.
     pub(crate) exact: u64,
@@ -82,7 +81,6 @@ impl Outlines {
         depth_slope: [[0.0; BATCH]; 2],
         sigma_z: [0.0; BATCH],
         per_depth: [0.0; BATCH],
-        divisor_slope: [[0.0; BATCH]; 2],
         spread: [0.0; BATCH],
         exact: 0,
         points: 0,
@@ -160,10 +158,6 @@ impl Outlines {
         let per_depth = exact.select(one / sixteen(simd, &self.depth, first), zero);
         let ratio = exact.select(per_depth * sixteen(simd, &self.sigma_z, first), zero);
         per_depth.store_slice(&mut self.per_depth[first..first + 16]);
-        for (column, slope) in self.divisor_slope.iter_mut().zip(&self.depth_slope) {
-            let slope = exact.select(-(per_depth * sixteen(simd, slope, first)), zero);
-            slope.store_slice(&mut column[first..first + 16]);
-        }
         (ratio * ratio / HALF_LOG2_E).store_slice(&mut self.spread[first..first + 16]);
     }
 
@@ -190,7 +184,8 @@ impl Outlines {
     pub(crate) fn plane(&self, number: usize) -> Plane {
         Plane {
             depth: self.depth[number],
-            slope: [self.divisor_slope[0][number], self.divisor_slope[1][number]],
+            slope: [self.depth_slope[0][number], self.depth_slope[1][number]],
+            per_depth: self.per_depth[number],
             spread: self.spread[number],
         }
     }

@@ -1,7 +1,6 @@
 //! Plain kernels to optical depths and opacities: those of which nothing else is asked for.
 
 use super::kernel::{KernelLens, Kernels};
-use super::offsets::Offsets;
 use crate::simd::*;
 use crate::tile::Tile;
 
@@ -15,20 +14,21 @@ pub(super) const THIN: [f32; 3] = [0.999_980_4, -0.498_614_63, 0.151_798_94];
 pub(super) const TAYLOR: [f32; 3] = [1.0, 0.0, 0.0];
 
 /// Where one of as many in a batch of optical depths isn't thin, or is in the exact form, all are evaluated so that this doesn't matter.
-pub(super) const LEAST_THICK: usize = 4;
+pub(super) const ONE_THICK_OF: usize = 4;
 
 impl Kernels {
-    /// Plain kernels of which a share is the same share of w: those of optical depths, unless these are taken for opacities, which
-    /// end at 1.
+    /// Plain kernels of which a share is the same share of their strength: those of optical depths in the affine form, unless these are taken
+    /// for opacities, which end at 1.
     #[inline(always)]
     pub(crate) fn plain_media(&self) -> u64 {
         if self.is_taylor { 0 } else { self.plain & !self.opacities & !self.outlines.exact }
     }
 
-    /// The strength 2^{peak − kr} by its exponent, 0 beyond where the kernel ends and of NaN.
+    /// The strength 2^{peak − kr}, down to where the kernel ends, 0 beyond and of NaN.
     #[inline(always)]
     fn strength<S: Simd>(&self, simd: S, number: usize, exponent: W<S>) -> W<S> {
-        exp2_from(simd, exponent, self.border[number])
+        let is_within = exponent.simd_ge(W::simd_from(simd, self.least[number]));
+        exp2_where(simd, is_within, exponent + self.peak[number])
     }
 
     /// The opacity of a kernel, or of a share of it, of an optical depth.
@@ -36,7 +36,7 @@ impl Kernels {
     pub(crate) fn opacity<S: Simd>(&self, simd: S, number: usize, optical_depth: W<S>) -> W<S> {
         if self.is_taylor {
             optical_depth.min(W::simd_from(simd, 1.0))
-        } else if self.plain >> number & 1 != 0 && !self.is_opacity(number) && !self.is_thick {
+        } else if self.thin >> number & 1 != 0 && !self.is_opacity(number) {
             optical_depth * polynomial(simd, optical_depth, THIN)
         } else {
             opacity(simd, optical_depth)
@@ -53,15 +53,15 @@ impl Kernels {
         (pixels, ray_length): ([W<S>; 2], W<S>),
         share: Option<W<S>>,
     ) -> W<S> {
-        let (offsets, peak) = (self.outlines.offsets(simd, number, pixels), self.peak[number]);
+        let offsets = self.outlines.offsets(simd, number, pixels);
         // Of a batch all or none: a branch for each kernel is foreseen wrongly, which takes longer than the division.
         let mut strength = if self.outlines.exact == 0 {
-            self.strength(simd, number, offsets.exponent_and(simd, peak))
+            self.strength(simd, number, offsets.exponent)
         } else if !self.is_thick {
-            self.strength(simd, number, self.outlines.plane(number).exponent_and(simd, &offsets, peak))
+            self.strength(simd, number, self.outlines.plane(number).exponent(simd, &offsets))
         } else {
             let plane = self.outlines.plane(number);
-            let [exponent, scale] = plane.exponent_and_scale(simd, &offsets, peak);
+            let [exponent, scale] = plane.exponent_and_scale(simd, &offsets);
             let one = W::simd_from(simd, 1.0);
             self.strength(simd, number, exponent)
                 * scale
@@ -74,7 +74,9 @@ impl Kernels {
             return strength;
         }
         if self.is_thick {
-            return opacity(simd, strength);
+            // Both: an opacity doesn't depend on what is in the batch.
+            let is_thin = mask32x16::splat(simd, self.thin >> number & 1 != 0);
+            return is_thin.select(strength * polynomial(simd, strength, THIN), opacity(simd, strength));
         }
         let [first, second, third] = self.alpha.each_ref().each(
             #[inline(always)]
@@ -98,12 +100,12 @@ impl Kernels {
     /// The optical depth of a plain kernel at pixels, where sums are of optical depths.
     #[inline(always)]
     pub(crate) fn plain_optical_depth<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
-        self.affine_optical_depth(simd, number, &self.outlines.offsets(simd, number, pixels))
+        let exponent = self.outlines.offsets(simd, number, pixels).exponent;
+        self.affine_optical_depth(simd, number, exponent)
     }
 
     #[inline(always)]
-    pub(super) fn affine_optical_depth<S: Simd>(&self, simd: S, number: usize, offsets: &Offsets<S>) -> W<S> {
-        let exponent = offsets.exponent_and(simd, self.peak[number]);
+    pub(super) fn affine_optical_depth<S: Simd>(&self, simd: S, number: usize, exponent: W<S>) -> W<S> {
         let strength = self.strength(simd, number, exponent);
         if self.is_opacity(number) { optical_depth(simd, strength) } else { strength }
     }

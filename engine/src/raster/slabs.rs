@@ -231,7 +231,7 @@ impl Kernels {
     /// w = e^{−r/2} of a plain kernel at pixels.
     #[inline(always)]
     pub(crate) fn plain_weight<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
-        self.weight(simd, number, self.outlines.offsets(simd, number, pixels).exponent())
+        self.weight(simd, number, self.outlines.offsets(simd, number, pixels).exponent)
     }
 
     /// Level kernels whose z at pixels is one, too.
@@ -250,7 +250,7 @@ impl Kernels {
         plane: f32,
     ) -> (W<S>, W<S>) {
         let offsets = self.outlines.offsets(simd, number, pixels);
-        let optical_depth = self.affine_optical_depth(simd, number, &offsets);
+        let optical_depth = self.affine_optical_depth(simd, number, offsets.exponent);
         let SlabColumns { distance, share_slope: [x, y], inverse, .. } = &self.slabs;
         let at_mean = (plane - distance[number]).mul_add(inverse[number] * (1.0 / BOX), 0.5);
         let share = offsets.linear(simd, at_mean, [x[number], y[number]]);

@@ -418,6 +418,7 @@ fn pictures_are_what_is_specified() {
     cases.extend([
         ("fog in two forms", vec![fog(0.02)], wide, each_in_its_own),
         ("thick fog in two forms", vec![fog(0.3)], wide, each_in_its_own),
+        ("thick fog in two forms with two sheets", with(fog(0.3), &two()), wide, each_in_its_own),
     ]);
     for [cutoff, outline] in [[20.0, 6.0], [6.0, 20.0]] {
         let (fine, usual) =

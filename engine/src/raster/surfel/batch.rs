@@ -169,7 +169,7 @@ impl Surfels {
             // z is d/t but for den, which is at most t²/(1 − (σ₀/d)²ρ) inside the cut-off.
             let spread = sixteen(simd, &outlines.sigma_z, first) * per_depth;
             let share = (one - spread * spread * lens.cutoff).max(zero);
-            let t = linear(mean, one, sixteen_of(simd, &outlines.divisor_slope, first));
+            let t = linear(mean, one, [-(slope[0] * per_depth), -(slope[1] * per_depth)]);
             let [least_t, most_t] = [one - rise * per_depth.abs(), one + rise * per_depth.abs()];
             let is_bound = depth.simd_gt(zero) & least_t.simd_gt(W::simd_from(simd, LEAST_DIVISOR));
             let of_exact =
