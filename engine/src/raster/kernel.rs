@@ -78,8 +78,6 @@ pub(crate) struct Kernels {
     pub(super) is_linear: bool,
     /// Whether all are optical depths, many of them large or in the exact form: all are plain then.
     pub(super) is_thick: bool,
-    /// 1 where strengths are per length of the ray, as those of optical depths in the exact form, and 0 of others.
-    pub(super) per_length: Column,
     /// Those of kind `Opacity`.
     pub(super) opacities: u64,
     /// Those that lie wholly behind the near plane.
@@ -139,7 +137,6 @@ impl Kernels {
         is_taylor: false,
         is_linear: false,
         is_thick: false,
-        per_length: [0.0; BATCH],
         opacities: 0,
         whole: 0,
         rough: 0,
@@ -227,8 +224,6 @@ impl Kernels {
             let most = W::simd_from(simd, if lens.is_taylor { f32::INFINITY } else { THIN_PEAK });
             opacity | (amplitude.simd_le(most) & !exact)
         };
-        let per_length = (exact & !opacity).select(W::simd_from(simd, 1.0), zero);
-        per_length.store_slice(&mut self.per_length[range.clone()]);
         self.thin |= is_thin.to_bitmask() << first;
         // An opacity that is not seen at all was dropped: the logarithm is positive.
         let end = W::simd_from(simd, lens.cutoff * HALF_LOG2_E);

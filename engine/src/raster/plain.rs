@@ -62,10 +62,10 @@ impl Kernels {
         } else {
             let plane = self.outlines.plane(number);
             let [exponent, scale] = plane.exponent_and_scale(simd, &offsets);
-            let one = W::simd_from(simd, 1.0);
-            self.strength(simd, number, exponent)
-                * scale
-                * (ray_length - one).mul_add(W::simd_from(simd, self.per_length[number]), one)
+            // In the exact form strengths are per length of the ray.
+            let is_exact = mask32x16::splat(simd, self.outlines.is_exact(number));
+            let length = is_exact.select(ray_length, W::simd_from(simd, 1.0));
+            self.strength(simd, number, exponent) * scale * length
         };
         if let Some(share) = share {
             strength *= share;
