@@ -1,7 +1,7 @@
 //! Depth images to surfels: one for each pixel, as large as the pixel is on the surface that it shows.
 //!
 //! `edges` says which pixels show one surface, `plane` fits a plane around each of them, `surfels` makes the splats, which are
-//! cut where a surface ends; sixteen pixels of a row at once (`lanes`).
+//! cut where a surface ends; sixteen pixels of a row at once (`lanes`). They are put down square by square (`squares`).
 
 mod edges;
 mod fill;
@@ -9,6 +9,7 @@ mod lanes;
 mod plane;
 mod room;
 mod scattered;
+mod squares;
 mod surfels;
 mod views;
 
@@ -19,6 +20,7 @@ pub use views::merged_depth_surfels;
 
 use glam::{DVec2, DVec3};
 use oblate_engine::{Camera, CameraError, CloudError, Intrinsics, Pose, Projection};
+use rayon::prelude::*;
 use thiserror::Error;
 
 /// What the numbers of a depth image measure.
@@ -109,10 +111,11 @@ impl RgbdImage {
                 return Err(DepthError::Length { array, found, pixels });
             }
         }
-        match self.colors.iter().position(|color| !color.iter().all(|c| c.is_finite())) {
-            Some(at) => Err(DepthError::Color { column: at % width, row: at / width }),
-            None => Ok(()),
-        }
+        let wrong = |(row, colors): (usize, &[[f32; 3]])| {
+            let column = colors.iter().position(|color| !color.iter().all(|c| c.is_finite()))?;
+            Some(DepthError::Color { column, row })
+        };
+        self.colors.par_chunks(width).enumerate().find_map_first(wrong).map_or(Ok(()), Err)
     }
 
     /// The depths along the axis; 0 where unknown.

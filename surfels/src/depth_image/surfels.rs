@@ -3,13 +3,13 @@
 use super::edges::{Edges, STEEPEST, Steps};
 use super::lanes::*;
 use super::plane::Planes;
+use super::squares::{Pixel, SIDE, in_squares};
 use super::{DepthError, RgbdImage};
 use glam::{Mat3, Vec3};
 use oblate_engine::cloud::Material;
 use oblate_engine::simd::{Level, dispatch};
 use oblate_engine::{Closed, Cloud, Intrinsics, Surfel, SurfelLook};
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// σ of a pixel's kernel in pixels of the depth image. Sums of such kernels on a lattice are 1 ± 0.07, and colours are means under them.
 const SIGMA: f32 = 0.45;
@@ -112,7 +112,7 @@ impl<'a> Maker<'a> {
     pub(super) fn cloud(
         &self,
         settings: &DepthSettings,
-        share: impl Fn(usize, &Surfel) -> f32 + Sync,
+        share: impl Fn(Pixel, &Surfel) -> f32 + Sync,
     ) -> Result<Cloud, DepthError> {
         let mut cloud = Cloud::default();
         self.renew(&mut cloud, settings, share)?;
@@ -124,17 +124,15 @@ impl<'a> Maker<'a> {
         &self,
         cloud: &mut Cloud,
         settings: &DepthSettings,
-        share: impl Fn(usize, &Surfel) -> f32 + Sync,
+        share: impl Fn(Pixel, &Surfel) -> f32 + Sync,
     ) -> Result<(), DepthError> {
-        let depths = &self.depths;
-        let pixels = (0..depths.len() as u32).into_par_iter().with_min_len(self.image.size[0]);
-        let known: Vec<u32> = pixels.filter(|at| depths[*at as usize] > 0.0).collect();
+        let known = in_squares(self.image.size[0], &self.depths);
         if known.is_empty() {
             return Err(DepthError::NoDepth);
         }
         // Summed by rows: the same for any number of threads.
         let sum = |row: &[f32]| row.iter().map(|depth| f64::from(*depth)).sum();
-        let sums: Vec<f64> = depths.par_chunks(self.image.size[0]).map(sum).collect();
+        let sums: Vec<f64> = self.depths.par_chunks(self.image.size[0]).map(sum).collect();
         let mean = sums.iter().sum::<f64>() / known.len() as f64;
         let pixel_width = mean / self.image.intrinsics.focal.min_element();
         let look = SurfelLook {
@@ -148,9 +146,9 @@ impl<'a> Maker<'a> {
         cloud.renew(known.len(), &look, |numbers| {
             let mut surfels = self.surfels();
             let share = &share;
-            known[numbers].iter().map(move |at| {
-                let surfel = surfels.of(*at as usize);
-                Surfel { area: surfel.area * share(*at as usize, &surfel), ..surfel }
+            known[numbers].iter().map(move |pixel| {
+                let surfel = surfels.of(*pixel);
+                Surfel { area: surfel.area * share(*pixel, &surfel), ..surfel }
             })
         })?;
         *cloud = std::mem::take(cloud).transformed(self.image.pose.world_to_camera.inverse());
@@ -158,7 +156,13 @@ impl<'a> Maker<'a> {
     }
 
     pub(super) fn surfels(&self) -> Surfels<'_> {
-        Surfels { maker: self, pixels: 0..0, numbers: [[0.0; LANES]; NUMBERS] }
+        Surfels { maker: self, rows: [Row::NONE; SIDE] }
+    }
+
+    /// A pixel's place in the image's arrays.
+    #[inline(always)]
+    pub(super) fn index(&self, [column, row]: Pixel) -> usize {
+        usize::from(row) * self.image.size[0] + usize::from(column)
     }
 
     /// The surfels from a pixel on, in camera space; of no meaning where depths are unknown.
@@ -258,34 +262,46 @@ const NUMBERS: usize = 13;
 /// Makes the surfels of an image, as many at a time as lie together.
 pub(super) struct Surfels<'a> {
     maker: &'a Maker<'a>,
-    /// Of the last ones.
-    pixels: Range<usize>,
+    /// What was made last of each row of a square.
+    rows: [Row; SIDE],
+}
+
+/// The surfels of [`LANES`] pixels beside each other.
+struct Row {
+    /// The number of the first of them, divided by their count, and their row.
+    place: Pixel,
     numbers: [[f32; LANES]; NUMBERS],
 }
 
+impl Row {
+    /// No image has as many rows.
+    const NONE: Self = Self { place: [u16::MAX; 2], numbers: [[0.0; LANES]; NUMBERS] };
+}
+
 impl Surfels<'_> {
-    /// The surfel of a pixel whose depth is known, in camera space. It takes least to ask for pixels in their order.
+    /// The surfel of a pixel whose depth is known, in camera space. It takes least to ask for pixels row by row or square by square.
     #[inline(always)]
-    pub(super) fn of(&mut self, at: usize) -> Surfel {
-        if !self.pixels.contains(&at) {
-            self.make(at);
+    pub(super) fn of(&mut self, [column, row]: Pixel) -> Surfel {
+        let (place, lane) = ([column / LANES as u16, row], usize::from(column) % LANES);
+        let slot = usize::from(row) % SIDE;
+        if self.rows[slot].place != place {
+            self.make(place);
         }
-        let lane = (at - self.pixels.start) % LANES;
-        let [a, b, c, d, e, f, g, h, i, area, color @ ..] = self.numbers.each_ref().map(|row| row[lane]);
+        let numbers = &self.rows[slot].numbers;
+        let [a, b, c, d, e, f, g, h, i, area, color @ ..] = numbers.each_ref().map(|row| row[lane]);
         let factor = Mat3::from_cols(Vec3::new(d, e, f), Vec3::new(g, h, i), Vec3::ZERO);
         Surfel { center: Vec3::new(a, b, c), factor, area, color }
     }
 
-    /// Makes those about a pixel.
+    /// Makes those of a place.
     #[inline(never)]
-    fn make(&mut self, at: usize) {
-        let width = self.maker.image.size[0];
-        let lane = at % width % LANES;
-        let (at, column) = (at - lane, at % width - lane);
-        self.pixels = at..at + LANES.min(width - column);
+    fn make(&mut self, place: Pixel) {
+        let [group, row] = place.map(usize::from);
+        let made = &mut self.rows[row % SIDE];
+        made.place = place;
         dispatch!(self.maker.level, simd => {
-            let numbers = self.maker.numbers(simd, [column, at / width]);
-            for (row, number) in self.numbers.iter_mut().zip(numbers) {
+            let numbers = self.maker.numbers(simd, [group * LANES, row]);
+            for (row, number) in made.numbers.iter_mut().zip(numbers) {
                 number.store_slice(row);
             }
         });

@@ -1,5 +1,6 @@
 //! Several depth images in one picture.
 
+use super::squares::Pixel;
 use super::surfels::{Maker, Surfels};
 use super::{DepthError, DepthSettings, RgbdImage};
 use glam::{DAffine3, DVec3};
@@ -29,15 +30,16 @@ pub fn merged_depth_surfels(
     }
     let views: Vec<View> = makers.iter().map(|maker| View::new(maker, view)).collect();
     let qualities: Vec<Vec<f32>> = views.iter().map(View::qualities).collect();
-    let share = |own: usize, at: usize, surfel: &Surfel| {
+    let share = |own: usize, pixel: Pixel, surfel: &Surfel| {
         let place = views[own].to_world.transform_point3(surfel.center.as_dvec3());
-        let quality = qualities[own][at];
+        let quality = qualities[own][makers[own].index(pixel)];
         let others = (0..views.len()).filter(|other| *other != own);
         let seen = others.filter_map(|other| Some(qualities[other][views[other].sees(place)?]));
         let total = quality + seen.sum::<f32>();
         if total > 0.0 { quality / total } else { 1.0 }
     };
-    let cloud = |(own, maker): (usize, &Maker)| maker.cloud(settings, |at, surfel| share(own, at, surfel));
+    let cloud =
+        |(own, maker): (usize, &Maker)| maker.cloud(settings, |pixel, surfel| share(own, pixel, surfel));
     makers.iter().enumerate().map(cloud).collect()
 }
 
@@ -57,9 +59,10 @@ impl<'a> View<'a> {
 
     /// How well each pixel's sample serves the new view: 1 where it is no larger than a pixel there and seen from the same side.
     fn qualities(&self) -> Vec<f32> {
-        let depths = &self.maker.depths;
+        let (depths, width) = (&self.maker.depths, self.maker.image.size[0]);
         let quality = |surfels: &mut Surfels, at: usize| {
-            if depths[at] > 0.0 { self.quality(&surfels.of(at)) } else { 0.0 }
+            let pixel = [at % width, at / width].map(|x| x as u16);
+            if depths[at] > 0.0 { self.quality(&surfels.of(pixel)) } else { 0.0 }
         };
         (0..depths.len()).into_par_iter().map_init(|| self.maker.surfels(), quality).collect()
     }
