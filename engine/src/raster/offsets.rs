@@ -36,8 +36,8 @@ impl<S: Simd> Offsets<S> {
 
 /// A record in the exact form at pixels.
 ///
-/// With κ = 1/d_z, t = 1 − κ·rise, den = t² + (κσ₀)² q: r = q/den, σ_z = σ₀/√den, z = (d_z − rise)/den. Where κ and σ₀ are 0 r
-/// is the affine form's.
+/// With κ = 1/d_z, t = 1 − κ·rise, den = t² + (κσ₀)² q: r = q/den, σ_z = σ₀/√den, z = d_z t/den. Where κ and σ₀ are 0 r is the affine
+/// form's.
 pub(crate) struct Exact<S: Simd> {
     /// −kr.
     pub(crate) exponent: W<S>,
@@ -46,38 +46,37 @@ pub(crate) struct Exact<S: Simd> {
     pub(crate) den: W<S>,
 }
 
-/// What the exact form makes of a record's depth, its slope and σ₀.
+/// A record's depth and its slope, and what the exact form makes of these and of σ₀.
 #[derive(Clone, Copy)]
 #[repr(C)]
 pub(crate) struct Plane {
     pub(crate) depth: f32,
     pub(crate) slope: [f32; 2],
-    /// κ.
-    pub(crate) per_depth: f32,
+    /// Of t.
+    pub(crate) t_slope: [f32; 2],
     /// (κσ₀)²/k.
     pub(crate) spread: f32,
 }
 
 impl Plane {
-    /// How much deeper than at the mean pixels are in the affine form, and den.
+    /// t and den.
     #[inline(always)]
-    fn rise_and_den<S: Simd>(&self, simd: S, offsets: &Offsets<S>) -> [W<S>; 2] {
-        let rise = offsets.linear(simd, 0.0, self.slope);
-        let t = W::simd_from(simd, 1.0) - rise * self.per_depth;
-        [rise, (-offsets.exponent).mul_add(W::simd_from(simd, self.spread), t * t)]
+    fn t_and_den<S: Simd>(&self, simd: S, offsets: &Offsets<S>) -> [W<S>; 2] {
+        let t = offsets.linear(simd, 1.0, self.t_slope);
+        [t, (-offsets.exponent).mul_add(W::simd_from(simd, self.spread), t * t)]
     }
 
     /// −kr alone; NaN, perhaps, in the camera plane and infinitely far from it.
     #[inline(always)]
     pub(crate) fn exponent<S: Simd>(&self, simd: S, offsets: &Offsets<S>) -> W<S> {
-        let [_, den] = self.rise_and_den(simd, offsets);
+        let [_, den] = self.t_and_den(simd, offsets);
         offsets.exponent * reciprocal(simd, den)
     }
 
     /// The same as some number or −∞, and 1/√den.
     #[inline(always)]
     pub(crate) fn exponent_and_scale<S: Simd>(&self, simd: S, offsets: &Offsets<S>) -> [W<S>; 2] {
-        let [_, den] = self.rise_and_den(simd, offsets);
+        let [_, den] = self.t_and_den(simd, offsets);
         let per_den = reciprocal(simd, divisible(simd, den));
         [offsets.exponent * per_den, per_den.sqrt()]
     }
@@ -87,14 +86,10 @@ impl<S: Simd> Exact<S> {
     /// From where pixels are.
     #[inline(always)]
     pub(crate) fn new(simd: S, offsets: &Offsets<S>, plane: &Plane) -> Self {
-        let [rise, den] = plane.rise_and_den(simd, offsets);
+        let [t, den] = plane.t_and_den(simd, offsets);
         let den = divisible(simd, den);
         let per_den = reciprocal(simd, den);
-        Self {
-            exponent: offsets.exponent * per_den,
-            depth: (W::simd_from(simd, plane.depth) - rise) * per_den,
-            den,
-        }
+        Self { exponent: offsets.exponent * per_den, depth: t * plane.depth * per_den, den }
     }
 }
 

@@ -20,8 +20,8 @@ pub(crate) struct Outlines {
     pub(crate) depth: Column,
     pub(crate) depth_slope: [Column; 2],
     pub(crate) sigma_z: Column,
-    /// 1/d_z and (σ₀/d_z)²/k where any is in the exact form; 0 of the others.
-    pub(crate) per_depth: Column,
+    /// The slopes of t and (σ₀/d_z)²/k where any is in the exact form; 0 of the others.
+    pub(crate) t_slope: [Column; 2],
     pub(crate) spread: Column,
     /// Those in the exact form, and the points.
     pub(crate) exact: u64,
@@ -80,7 +80,7 @@ impl Outlines {
         depth: [1.0; BATCH],
         depth_slope: [[0.0; BATCH]; 2],
         sigma_z: [0.0; BATCH],
-        per_depth: [0.0; BATCH],
+        t_slope: [[0.0; BATCH]; 2],
         spread: [0.0; BATCH],
         exact: 0,
         points: 0,
@@ -157,7 +157,9 @@ impl Outlines {
         let exact = mask32x16::from_bitmask(simd, self.exact >> first);
         let per_depth = exact.select(one / sixteen(simd, &self.depth, first), zero);
         let ratio = exact.select(per_depth * sixteen(simd, &self.sigma_z, first), zero);
-        per_depth.store_slice(&mut self.per_depth[first..first + 16]);
+        for (column, slope) in self.t_slope.iter_mut().zip(&self.depth_slope) {
+            (-(sixteen(simd, slope, first) * per_depth)).store_slice(&mut column[first..first + 16]);
+        }
         (ratio * ratio / HALF_LOG2_E).store_slice(&mut self.spread[first..first + 16]);
     }
 
@@ -185,7 +187,7 @@ impl Outlines {
         Plane {
             depth: self.depth[number],
             slope: [self.depth_slope[0][number], self.depth_slope[1][number]],
-            per_depth: self.per_depth[number],
+            t_slope: [self.t_slope[0][number], self.t_slope[1][number]],
             spread: self.spread[number],
         }
     }

@@ -165,12 +165,13 @@ impl Surfels {
         let mut least_reach = reach;
         let exact = mask32x16::from_bitmask(simd, outlines.exact >> first);
         if exact.any_true() {
-            let per_depth = sixteen(simd, &outlines.per_depth, first);
             // z is d/t but for den, which is at most t²/(1 − (σ₀/d)²ρ) inside the cut-off.
-            let spread = sixteen(simd, &outlines.sigma_z, first) * per_depth;
-            let share = (one - spread * spread * lens.cutoff).max(zero);
-            let t = linear(mean, one, [-(slope[0] * per_depth), -(slope[1] * per_depth)]);
-            let [least_t, most_t] = [one - rise * per_depth.abs(), one + rise * per_depth.abs()];
+            let spread = sixteen(simd, &outlines.spread, first);
+            let share = (one + spread * lens.end()).max(zero);
+            let t_slope = sixteen_of(simd, &outlines.t_slope, first);
+            let t_change = change(half_sides, t_slope);
+            let [least_t, most_t] = [one - t_change, one + t_change];
+            let t = linear(mean, one, t_slope);
             let is_bound = depth.simd_gt(zero) & least_t.simd_gt(W::simd_from(simd, LEAST_DIVISOR));
             let of_exact =
                 [depth * share / most_t, offset / least_t, reach / least_t, reach * share.sqrt() / most_t];
