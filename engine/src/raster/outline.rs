@@ -267,7 +267,7 @@ struct Ellipses<S: Simd> {
 }
 
 impl<S: Simd> Ellipses<S> {
-    /// The ellipses of records in the exact form. With κs the slope of t, and den = t² + (κσ₀)²q,
+    /// The ellipses of records in the exact form. With t = 1 − κ s·u and den = t² + (κσ₀)²q,
     ///
     /// ```text
     /// q ≤ ρ den    is    uᵀAu + 2ρκ s·u ≤ ρ,    A = (1 − ρ(κσ₀)²) Q − ρκ² ssᵀ
@@ -285,13 +285,11 @@ impl<S: Simd> Ellipses<S> {
         let one = W::simd_from(simd, 1.0);
         let end = self.end;
         let depth = sixteen(simd, &outlines.depth, first);
-        let inverse_depth = one / depth;
-        let [x, y] = sixteen_of(simd, &outlines.depth_slope, first).each(
+        let [x, y] = sixteen_of(simd, &outlines.t_slope, first).each(
             #[inline(always)]
-            |slope| slope * inverse_depth,
+            |slope| -slope,
         );
-        let spread = sixteen(simd, &outlines.sigma_z, first) * inverse_depth;
-        let share = one - spread * spread * end * (1.0 / HALF_LOG2_E);
+        let share = one - sixteen(simd, &outlines.spread, first) * end;
         let [a, b, c] = self.root;
         let xx = (share * a).mul_sub(a, end * x * x);
         let xy = (share * a).mul_sub(b, end * x * y);

@@ -219,7 +219,7 @@ impl Surfel {
         let exponent = (-along).mul_sub(along, across * across);
         let line = linear(simd, pixels, &self.line);
         let (exponent, depth, per_den) = if self.is_exact() {
-            // As in [`Exact`], with d_z − rise = d_z t.
+            // As in [`Exact`].
             let den = (-exponent).mul_add(W::simd_from(simd, self.spread), line * line);
             let per_den = reciprocal(simd, divisible(simd, den));
             (exponent * per_den, line * self.center_depth * per_den, Some(per_den))

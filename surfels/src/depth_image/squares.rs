@@ -57,7 +57,7 @@ mod tests {
     /// each other.
     #[test]
     fn known_pixels_come_once() {
-        for [width, height] in [[1, 1], [7, 3], [8, 8], [21, 17], [64, 24]] {
+        for [width, height] in [[1, 2], [7, 3], [8, 8], [21, 17], [64, 24]] {
             let depths: Vec<f32> = (0..width * height).map(|at| (at % 5 % 2) as f32).collect();
             let mut places: Vec<usize> = in_squares(width, &depths)
                 .iter()

@@ -47,7 +47,7 @@ impl Default for DepthSettings {
 
 /// The surface that a depth image shows: a surfel for each pixel whose depth is known, as large as the pixel is on the plane through its
 /// neighbours (Yuan, Chen et al., *Hybrid Forward Resampling and Volume Rendering*, 2003, section 3). Where a surface ends, surfels are
-/// cut; backs are dropped. Nothing is drawn where depths are unknown.
+/// cut; backs are dropped. Nothing is drawn where depths are unknown. Surfels come in squares of pixels, not row by row.
 ///
 /// A picture of photographs alone is best drawn unshaded, with [`DEPTH_LOW_PASS`], and in [`oblate_engine::Blend::Display`], since they are
 /// resampled as they are stored.
@@ -268,24 +268,24 @@ pub(super) struct Surfels<'a> {
 
 /// The surfels of [`LANES`] pixels beside each other.
 struct Row {
-    /// The number of the first of them, divided by their count, and their row.
-    place: Pixel,
+    /// Which pixels: the number of their group in the row, and the row.
+    group: [u16; 2],
     numbers: [[f32; LANES]; NUMBERS],
 }
 
 impl Row {
     /// No image has as many rows.
-    const NONE: Self = Self { place: [u16::MAX; 2], numbers: [[0.0; LANES]; NUMBERS] };
+    const NONE: Self = Self { group: [u16::MAX; 2], numbers: [[0.0; LANES]; NUMBERS] };
 }
 
 impl Surfels<'_> {
     /// The surfel of a pixel whose depth is known, in camera space. It takes least to ask for pixels row by row or square by square.
     #[inline(always)]
     pub(super) fn of(&mut self, [column, row]: Pixel) -> Surfel {
-        let (place, lane) = ([column / LANES as u16, row], usize::from(column) % LANES);
+        let (group, lane) = ([column / LANES as u16, row], usize::from(column) % LANES);
         let slot = usize::from(row) % SIDE;
-        if self.rows[slot].place != place {
-            self.make(place);
+        if self.rows[slot].group != group {
+            self.make(group);
         }
         let numbers = &self.rows[slot].numbers;
         let [a, b, c, d, e, f, g, h, i, area, color @ ..] = numbers.each_ref().map(|row| row[lane]);
@@ -293,16 +293,16 @@ impl Surfels<'_> {
         Surfel { center: Vec3::new(a, b, c), factor, area, color }
     }
 
-    /// Makes those of a place.
+    /// Makes those of a group.
     #[inline(never)]
-    fn make(&mut self, place: Pixel) {
-        let [group, row] = place.map(usize::from);
+    fn make(&mut self, group: [u16; 2]) {
+        let [number, row] = group.map(usize::from);
         let made = &mut self.rows[row % SIDE];
-        made.place = place;
+        made.group = group;
         dispatch!(self.maker.level, simd => {
-            let numbers = self.maker.numbers(simd, [group * LANES, row]);
-            for (row, number) in made.numbers.iter_mut().zip(numbers) {
-                number.store_slice(row);
+            let numbers = self.maker.numbers(simd, [number * LANES, row]);
+            for (made, numbers) in made.numbers.iter_mut().zip(numbers) {
+                numbers.store_slice(made);
             }
         });
     }
@@ -354,6 +354,26 @@ mod tests {
                 let [a, b] = [&baseline, &other].map(|splats| splats.shapes.factor(i));
                 assert!((a - b).to_cols_array().iter().all(|c| c.abs() < scale), "{level:?}, {i}: {a} {b}");
             }
+        }
+        Ok(())
+    }
+
+    /// Whatever was made before it, each surfel of a cloud is its own pixel's.
+    #[test]
+    fn each_pixel_has_its_own_surfel() -> Result<(), CameraError> {
+        let mut image = Room.image(&Room.camera(83)?);
+        for at in (0..image.depths.len()).step_by(7) {
+            image.depths[at] = 0.0;
+        }
+        let maker = Maker::new(&image).expect("the image is one");
+        let splats =
+            maker.cloud(&DepthSettings::default(), |_, _| 1.0).expect("the depths are right").splats();
+        let pixels = in_squares(image.size[0], &maker.depths);
+        assert_eq!(pixels.len(), splats.centers.len());
+        for (i, pixel) in pixels.into_iter().enumerate() {
+            let surfel = maker.surfels().of(pixel);
+            assert_eq!(surfel.center, splats.centers[i], "{pixel:?}");
+            assert_eq!(surfel.color, splats.colors[i], "{pixel:?}");
         }
         Ok(())
     }
