@@ -62,7 +62,8 @@ impl Plane {
     /// t and den.
     #[inline(always)]
     fn t_and_den<S: Simd>(&self, simd: S, offsets: &Offsets<S>) -> [W<S>; 2] {
-        let t = offsets.linear(simd, 1.0, self.t_slope);
+        // Rounded once beside 1, so that ends of kernels hang less on where a tile begins.
+        let t = offsets.linear(simd, 0.0, self.t_slope) + W::simd_from(simd, 1.0);
         [t, (-offsets.exponent).mul_add(W::simd_from(simd, self.spread), t * t)]
     }
 
