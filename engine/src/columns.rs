@@ -162,6 +162,16 @@ pub(crate) struct SurfaceKind {
     pub(crate) depth_tolerance: f32,
     pub(crate) coverage_floor: f32,
     pub(crate) closed: Closed,
+    /// The areas of merged surfels' kernels, σ₁σ₂, over those that they stand for: how their cells overlap. ∞ for a cloud's own, of which the floor
+    /// says all.
+    pub(crate) overlap: f32,
+}
+
+impl SurfaceKind {
+    /// Of surfels that stand for no others.
+    pub(crate) fn of_samples(depth_tolerance: f32, coverage_floor: f32, closed: Closed) -> Self {
+        Self { depth_tolerance, coverage_floor, closed, overlap: f32::INFINITY }
+    }
 }
 
 /// The checked arrays of a cloud.
@@ -180,6 +190,8 @@ pub(crate) struct Columns {
     pub(crate) normals: Option<Column<3>>,
     /// Of surfels that stand for others, see `levels::Orientation`. They stay in their order.
     pub(crate) orientations: Option<Column<9>>,
+    /// Of the same how fine what they stand for is, from 0 to 1: the roots of σ₁σ₂ of the cloud's own surfels, in the mean, over theirs.
+    pub(crate) grains: Option<Column<1>>,
     pub(crate) material: Material,
 }
 
@@ -197,6 +209,7 @@ impl Default for Columns {
             harmonics: None,
             normals: None,
             orientations: None,
+            grains: None,
             material: Material::default(),
         }
     }
@@ -211,7 +224,7 @@ impl Columns {
             Strength::Extinction { masses } => (Kind::Extinction, masses, None),
             Strength::Opacity { peaks, filter } => (Kind::Opacity(filter), peaks, None),
             Strength::Surface(Surface { areas, opacities, depth_tolerance, coverage_floor, closed }) => {
-                let shared = SurfaceKind { depth_tolerance, coverage_floor, closed };
+                let shared = SurfaceKind::of_samples(depth_tolerance, coverage_floor, closed);
                 (Kind::Surface(shared), areas, opacities.map(single))
             }
         };
@@ -237,6 +250,7 @@ impl Columns {
             harmonics: splats.harmonics.map(PackedHarmonics::new),
             normals: splats.normals.map(|normals| Column::new(normals, Vec3::to_array)),
             orientations: None,
+            grains: None,
             material: splats.material,
         }
     }
@@ -291,6 +305,7 @@ impl Columns {
             harmonics,
             normals,
             orientations,
+            grains,
         } = self;
         let factors = match factors {
             Factors::Shared(_) => 0,
@@ -304,6 +319,7 @@ impl Columns {
             + harmonics.as_ref().map_or(0, |harmonics| size_of_val(&harmonics.pairs[..]))
             + normals.as_ref().map_or(0, Column::bytes)
             + orientations.as_ref().map_or(0, Column::bytes)
+            + grains.as_ref().map_or(0, Column::bytes)
     }
 
     pub(crate) fn center(&self, index: usize) -> Vec3 {
@@ -350,7 +366,7 @@ impl Columns {
             strength: match self.kind {
                 Kind::Extinction => Strength::Extinction { masses: strengths },
                 Kind::Opacity(filter) => Strength::Opacity { peaks: strengths, filter },
-                Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, ref closed }) => {
+                Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, ref closed, .. }) => {
                     Strength::Surface(Surface {
                         areas: strengths,
                         opacities: self.opacities.as_ref().map(singles),

@@ -85,7 +85,7 @@ impl Cloud {
             len: count,
             factors: Factors::Each { flat: Column::of_blocks(flat), through: joined(through, centers.len()) },
             centers: Column::of_blocks(centers),
-            kind: Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, closed: closed.clone() }),
+            kind: Kind::Surface(SurfaceKind::of_samples(depth_tolerance, coverage_floor, closed.clone())),
             strengths: Repeated::Each(Column::of_blocks(areas)),
             opacities: (opacity < 1.0).then(|| Column::alike(count, [opacity])),
             colors: Repeated::Each(
@@ -94,6 +94,7 @@ impl Cloud {
             harmonics: None,
             normals: None,
             orientations: None,
+            grains: None,
             material,
         });
         Ok(())

@@ -192,10 +192,10 @@ impl<'a> Projector<'a> {
             }
             columns::Kind::Surface(surface) => {
                 let area = f64::from(splats.strength(index)) * area_scale * gain;
-                let floor = filtered_floor(
-                    f64::from(surface.coverage_floor),
-                    footprint.filter_attenuation(&splat, lens),
-                );
+                let attenuation = footprint.filter_attenuation(&splat, lens);
+                let grain = splats.grains.as_ref().map_or(1.0, |grains| f64::from(grains.row(index)[0]));
+                let floor = filtered_floor(f64::from(surface.coverage_floor), grain.powi(2) * attenuation)
+                    .min(least_between_cells(f64::from(surface.overlap), attenuation));
                 let coverage = area * footprint.unit_integral / floor;
                 let slope = facing.truncate() / lens.focal * coverage;
                 record.tag.kind = Kind::Surface;
@@ -327,6 +327,15 @@ pub(crate) const EVENLY_COVERED: f64 = 0.96;
 fn filtered_floor(floor: f64, attenuation: f64) -> f64 {
     let even = floor.max(EVENLY_COVERED);
     even - (even - floor) * attenuation.sqrt()
+}
+
+/// The least coverage between the cells that merged surfels stand for, whose σ₁σ₂ is `overlap` of their area and which the filter dims by this
+/// attenuation.
+///
+/// Gaussians s apart sum up to 1 ± 2 exp(−2π²σ²/s²) along each axis. Here σ²/s² is o for the kernels alone, and o (1 − a)/a for the filter, or half
+/// of it along cells that are twice as long as wide, as those of a k-d tree may be.
+fn least_between_cells(overlap: f64, attenuation: f64) -> f64 {
+    1.0 - 4.0 * (-std::f64::consts::PI.powi(2) * overlap * (1.0 + 1.0 / attenuation)).exp()
 }
 
 /// Where a kernel of a given peak opacity ends: at the cut-off, or where it falls below the least opacity; below 0 if it

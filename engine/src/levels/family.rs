@@ -17,6 +17,8 @@ pub(super) struct Member {
     pub(super) normal: DVec3,
     /// Of surfaces. Of one that stands for no others it is e₁ × e₂ of the factor, of length 1, or 0 for needles.
     pub(super) orientation: Orientation,
+    /// σ₁σ₂ of the cloud's own surfels that it stands for, in the mean.
+    pub(super) grain: f64,
     /// Its part in the means of the family; all add up to 1.
     pub(super) share: f64,
 }
@@ -90,9 +92,10 @@ impl Member {
         let factor = columns.factor(index).as_dmat3();
         let covariance = factor * factor.transpose();
         let strength = f64::from(columns.strength(index));
+        let across = factor.x_axis.cross(factor.y_axis);
         let orientation = match &columns.orientations {
             Some(orientations) => Orientation::of_numbers(orientations.row(index)),
-            None => Orientation::of(factor.x_axis.cross(factor.y_axis).normalize_or_zero()),
+            None => Orientation::of(across.normalize_or_zero()),
         };
         let normal = columns.normal(index).as_dvec3();
         let normal = if normal.length_squared() > 1.0 { normal.normalize() } else { normal };
@@ -104,6 +107,8 @@ impl Member {
             color: DVec3::from_array(columns.color(index).map(f64::from)),
             normal: if is_surface && normal == DVec3::ZERO { orientation.mean } else { normal },
             orientation,
+            grain: columns.grains.as_ref().map_or(1.0, |grains| f64::from(grains.row(index)[0]).powi(2))
+                * across.length(),
             share: match columns.kind {
                 Kind::Extinction | Kind::Surface(_) => strength,
                 Kind::Opacity(_) => strength * mean_shadow(covariance),

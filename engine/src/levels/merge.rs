@@ -21,6 +21,9 @@ struct Merged {
     color: [f32; 3],
     normal: Vec3,
     orientation: Orientation,
+    /// Of a surface σ₁σ₂, and see [`Columns::grains`].
+    kernel: f64,
+    grain: f32,
     need: f32,
 }
 
@@ -45,7 +48,7 @@ pub(super) fn coarser(below: &Level, tolerance: f64) -> Level {
         strength: match columns.kind {
             Kind::Extinction => Strength::Extinction { masses: strengths },
             Kind::Opacity(filter) => Strength::Opacity { peaks: strengths, filter },
-            Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, ref closed }) => {
+            Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, ref closed, .. }) => {
                 let opacities = columns.opacities.as_ref().map(|_| column(|m| m.opacity));
                 Strength::Surface(Surface {
                     areas: strengths,
@@ -76,9 +79,11 @@ pub(super) fn coarser(below: &Level, tolerance: f64) -> Level {
             .then(|| merged.iter().map(|m| m.normal).collect()),
         material: columns.material,
     });
-    if matches!(columns.kind, Kind::Surface(_)) {
+    if let Kind::Surface(surface) = &mut above.kind {
+        surface.overlap = overlap(&merged);
         let orientations = merged.iter().map(|m| m.orientation.numbers()).collect();
         above.orientations = Some(Column::new(orientations, |numbers| *numbers));
+        above.grains = Some(Column::new(column(|m| m.grain), |grain| [*grain]));
     }
     let needs = column(|m| m.need);
     let mut clusters = clusters(&above);
@@ -90,6 +95,16 @@ pub(super) fn coarser(below: &Level, tolerance: f64) -> Level {
     Level { columns: above, clusters, median_sigma, needs, tolerance }
 }
 
+/// The variance of what is even along a cell of length 1: kernels of families are not narrower.
+const OF_A_CELL: f64 = 1.0 / 12.0;
+
+/// How cells of merged surfels overlap, in the mean of a level by area.
+fn overlap(merged: &[Merged]) -> f32 {
+    let parts = merged.iter().map(|m| [f64::from(m.strength), m.kernel]);
+    let [areas, kernels] = parts.fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+    (kernels / areas).max(OF_A_CELL) as f32
+}
+
 /// The least number of families that a thread merges at a time.
 const FAMILIES_A_TASK: usize = 256;
 
@@ -99,7 +114,7 @@ impl Merged {
         let covariance = family.covariance();
         let (strength, factor);
         let mut normals;
-        let mut orientation = Orientation::default();
+        let (mut orientation, mut kernel, mut grain) = (Orientation::default(), 0.0, 1.0);
         match columns.kind {
             Kind::Extinction => {
                 normals = turned(family, |m| m.normal);
@@ -124,6 +139,8 @@ impl Merged {
                 orientation = Orientation::of_family(family, means);
                 strength = family.weight;
                 factor = facing_factor(covariance, orientation.mean.normalize_or(DVec3::Z));
+                kernel = factor.x_axis.cross(factor.y_axis).length();
+                grain = (family.average(|m| m.grain) / kernel.max(f64::MIN_POSITIVE)).min(1.0).sqrt() as f32;
             }
         }
         let mut normal: DVec3 =
@@ -152,6 +169,8 @@ impl Merged {
             color,
             normal: normal.as_vec3(),
             orientation,
+            kernel,
+            grain,
             need: terms.need(tolerance).max(least),
         }
     }

@@ -129,7 +129,7 @@ impl Terms {
             overlap: 0.0,
             factor: 1.0,
         };
-        if let Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, ref closed }) = columns.kind {
+        if let Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, ref closed, .. }) = columns.kind {
             let bent = (1.0 - orientation.mean.length()).max(0.0);
             let facing = orientation.mean.normalize_or(DVec3::Z);
             let through = facing.dot(family.between * facing).max(0.0).sqrt();

@@ -4,19 +4,33 @@ use crate::columns::{CHILDREN, Columns};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Consecutive splats that are put in order among themselves; a power of four.
-pub(super) const RUN: usize = 4096;
+/// The fewest and the most consecutive splats that are put in order among themselves; powers of four. Where they end cells are not compact: of
+/// 4096 splats of a surface half of the cells of 64 border on the end.
+const RUNS: [usize; 2] = [1 << 12, 1 << 18];
+
+/// How many runs a cloud has at least where they are not the shortest: threads share them.
+const LEAST_RUNS: usize = 16;
 
 /// Puts the splats of each run in the order of a k-d tree's leaves, whose cells are the families: each split is across the longest side
 /// of the centres' box, and as near to the middle as whole families, and families of those, allow.
 pub(super) fn make_compact(columns: &mut Columns) {
-    let mut order: Vec<u32> = (0..columns.len).map(|index| (index % RUN) as u32).collect();
-    order.par_chunks_mut(RUN).enumerate().for_each(|(number, order)| {
-        let first = number * RUN;
+    let run = run_of(columns.len);
+    let mut order: Vec<u32> = (0..columns.len).map(|index| (index % run) as u32).collect();
+    order.par_chunks_mut(run).enumerate().for_each(|(number, order)| {
+        let first = number * run;
         let centers: Vec<Vec3> = (0..order.len()).map(|i| columns.center(first + i)).collect();
         split(order, &centers);
     });
-    columns.reorder(&order, RUN);
+    columns.reorder(&order, run);
+}
+
+/// How many splats of a cloud are a run.
+fn run_of(count: usize) -> usize {
+    let [mut run, most] = RUNS;
+    while run < most && CHILDREN * run * LEAST_RUNS <= count {
+        run *= CHILDREN;
+    }
+    run
 }
 
 fn split(order: &mut [u32], centers: &[Vec3]) {
@@ -70,6 +84,13 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn runs_grow_with_clouds() {
+        let counts = [0, 262_143, 262_144, 1_000_000, 1 << 20, (1 << 22) - 1, 1 << 22, 1 << 30];
+        let expected = [1 << 12, 1 << 12, 1 << 14, 1 << 14, 1 << 16, 1 << 16, 1 << 18, 1 << 18];
+        assert_eq!(counts.map(run_of), expected);
     }
 
     #[test]

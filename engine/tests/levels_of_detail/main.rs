@@ -7,7 +7,7 @@ mod scenes;
 
 use glam::{DVec3, Mat3, Vec3};
 use oblate_engine::{
-    Camera, Cloud, Counts, Frame, Material, Observer, RenderSettings, Scene, Shapes, render,
+    Camera, Cloud, Counts, Frame, Material, Observer, RenderSettings, Scene, Shapes, Strength, render,
 };
 use scenes::*;
 use std::sync::Mutex;
@@ -139,6 +139,16 @@ fn far_clouds_keep_their_light() {
     }
 }
 
+/// The pixels that are covered, and so are all others as near along both axes.
+fn inside(frame: &Frame, near: usize) -> impl Iterator<Item = usize> {
+    let covered = |x: usize, y: usize| frame.color[y * frame.width + x][3] > 0.999;
+    (0..frame.color.len()).filter(move |i| {
+        let [x, y] = [i % frame.width, i / frame.width]
+            .map(|c| c.saturating_sub(near)..(c + near + 1).min(frame.width));
+        y.into_iter().all(|y| x.clone().all(|x| covered(x, y)))
+    })
+}
+
 #[test]
 fn a_plane_stays_one_at_every_zoom() {
     let cloud = with_levels(plane(256, 0.01, [0.2, 0.5, 0.8]));
@@ -147,14 +157,7 @@ fn a_plane_stays_one_at_every_zoom() {
         for tolerance in [1.0 / 255.0, 8.0 / 255.0] {
             let [(off, _), (on, drawn)] = both(&cloud, &camera, RenderSettings { tolerance, ..unshaded() });
             // Away from its border, which is as wide as the filter and a merged splat: three pixels.
-            let covered = |x: usize, y: usize| off.color[y * off.width + x][3] > 0.999;
-            let inside = |i: &usize| {
-                let [x, y] =
-                    [i % off.width, i / off.width].map(|c| c.saturating_sub(3)..(c + 4).min(off.width));
-                y.into_iter().all(|y| x.clone().all(|x| covered(x, y)))
-            };
-            let inside = (0..off.color.len()).filter(inside);
-            let least = inside.map(|i| on.color[i][3]).min_by(f32::total_cmp).unwrap();
+            let least = inside(&off, 3).map(|i| on.color[i][3]).min_by(f32::total_cmp).unwrap();
             println!("from {distance}: {drawn} splats, coverage {least}");
             assert!(least > 1.0 - tolerance as f32, "from {distance}: coverage {least}");
         }
@@ -212,4 +215,48 @@ fn closed_bodies_that_are_one_surfel_show_as_much() {
     // Bodies are 0.2 pixels wide, so that where they are in a pixel hardly counts.
     let error = energy(&few.0) / energy(&all.0) - 1.0;
     assert!(error.abs() < 0.05, "{error}");
+}
+
+/// What coverage lacks behind the pixels' filter is what the samples' lacks: outlines of merged surfels are as opaque as those of many small ones.
+#[test]
+fn outlines_are_as_opaque() {
+    let mut splats = sphere(200_000, 1.0, [0.5; 3]).splats();
+    if let Strength::Surface(surface) = &mut splats.strength {
+        surface.coverage_floor = 0.9;
+    }
+    let cloud = with_levels(Cloud::new(splats).unwrap());
+    // A third of a pixel apart and less.
+    for distance in [24.0, 48.0, 96.0] {
+        let settings = RenderSettings { level_of_detail: 2.0, ..unshaded() };
+        let camera = looking_from(DVec3::new(0.3, 0.5, -0.8).normalize() * distance, 256);
+        let (off, all) = draw_with(&cloud, &camera, RenderSettings { level_of_detail: 0.0, ..settings });
+        let (on, drawn) = draw_with(&cloud, &camera, settings);
+        let alphas = || on.color.iter().zip(&off.color).map(|(on, off)| [on[3], off[3]].map(f64::from));
+        let border: Vec<[f64; 2]> = alphas().filter(|[_, off]| (0.02..0.98).contains(off)).collect();
+        let lacks = border.iter().map(|[on, off]| on - off).sum::<f64>() / border.len() as f64;
+        let least = alphas().filter(|[_, off]| *off > 0.999).map(|[on, _]| on).fold(1.0, f64::min);
+        println!("from {distance}: {drawn} of {all}, {lacks:.1e} in {} pixels, {least}", border.len());
+        assert!(2 * drawn < all, "{drawn} of {all}");
+        // With the floor of samples as large as the merged ones it is 8e-4 to 1.3e-3.
+        assert!(lacks.abs() < 4e-4, "from {distance}: outlines differ by {lacks}");
+        assert!(least > 1.0 - 1.0 / 255.0, "from {distance}: {least} inside");
+    }
+}
+
+/// Filters that count as wider than they are merge surfels until the pixels' own hardly smooths them: floors fall before gaps show.
+#[test]
+fn cells_have_no_gaps_between_them() {
+    let cloud = with_levels(plane(256, 0.01, [0.2, 0.5, 0.8]));
+    for distance in [8.5, 12.0, 24.0] {
+        let camera = looking_from(DVec3::new(0.02, 0.03, -1.0).normalize() * distance, 256);
+        for level_of_detail in [2.8, 5.6] {
+            let settings = RenderSettings { level_of_detail, ..unshaded() };
+            let (off, all) = draw_with(&cloud, &camera, RenderSettings { level_of_detail: 0.0, ..settings });
+            let (on, drawn) = draw_with(&cloud, &camera, settings);
+            let least = inside(&off, 6).map(|i| on.color[i][3]).fold(1.0, f32::min);
+            assert!(3 * drawn < all, "{drawn} of {all}");
+            // Where floors do not fall the last of these is 0.68 to 0.96.
+            assert!(least > 0.999, "from {distance}, {level_of_detail}: coverage {least}");
+        }
+    }
 }

@@ -140,7 +140,15 @@ impl WideProjector<'_> {
             columns::Kind::Surface(surface) => {
                 let even = surface.coverage_floor.max(EVENLY_COVERED as f32);
                 let lacks = splat(simd, surface.coverage_floor - even);
-                let floor = lacks.mul_add(footprints.attenuation.sqrt(), splat(simd, even));
+                let own = footprints.attenuation.sqrt();
+                let floor = match &columns.grains {
+                    None => lacks.mul_add(own, splat(simd, even)),
+                    Some(grains) => {
+                        let own = own * V::simd_from(simd, grains.block(block)[0]);
+                        let between = least_between_cells(simd, surface.overlap, footprints.attenuation);
+                        lacks.mul_add(own, splat(simd, even)).min(between)
+                    }
+                };
                 let coverage = strength * footprints.unit_integral / floor;
                 let facing = dot(areas, placed.ray);
                 let amplitude = coverage * facing;
@@ -166,6 +174,14 @@ impl WideProjector<'_> {
             }
         }
     }
+}
+
+/// As in [`super::super::scalar`].
+#[inline(always)]
+fn least_between_cells<S: Simd>(simd: S, overlap: f32, attenuation: V<S>) -> V<S> {
+    let one = splat(simd, 1.0);
+    let exponent = (one + one / attenuation) * (-std::f32::consts::PI.powi(2) * overlap);
+    (-splat(simd, 4.0)).mul_add(exp(simd, exponent), one)
 }
 
 /// Harmonics of the splats of a block, seen along unit vectors.
