@@ -76,7 +76,8 @@ pub struct Surface {
     /// surfel radius.
     pub depth_tolerance: f32,
     /// The floor w₀ of the summed coverage that the sampler guarantees away from borders, in (0, 1]; its mean is 1, since the areas add
-    /// up to the surface's. The pixels' filter raises it towards 0.96, as √a where it dims a surfel to a share a.
+    /// up to the surface's. The pixels' filter raises it towards 0.96, as √a where it dims a surfel to a share a;
+    /// of surfels that stand for others as it does these.
     pub coverage_floor: f32,
     /// From where splats are dropped whose normal points away from the camera: of closed surfaces, whose backs nobody outside
     /// sees, and of those whose backs are not to be seen, from everywhere.
@@ -219,7 +220,7 @@ impl Cloud {
 
     /// The same cloud with levels of detail: splats that stand for four of the level below each, down to the cloud's own. A
     /// renderer draws them where the picture can't tell. Splats are put in another order, which ids follow, among those of
-    /// each run of 4096; they should be in an order that keeps neighbours together, as [`Splats::in_morton_order`] does.
+    /// each run of 4096 to 262,144, more in larger clouds; they should be in an order that keeps neighbours together, as [`Splats::in_morton_order`] does.
     #[must_use]
     pub fn with_levels(self) -> Self {
         self.with_levels_for(1.0 / 255.0)

@@ -162,8 +162,8 @@ pub(crate) struct SurfaceKind {
     pub(crate) depth_tolerance: f32,
     pub(crate) coverage_floor: f32,
     pub(crate) closed: Closed,
-    /// The areas of merged surfels' kernels, σ₁σ₂, over those that they stand for: how their cells overlap. ∞ for a cloud's own, of which the floor
-    /// says all.
+    /// σ₁σ₂ of merged surfels over the areas that they stand for: how their cells overlap. ∞ where the floor says all: of a cloud's own, and
+    /// of translucent ones.
     pub(crate) overlap: f32,
 }
 
@@ -190,7 +190,7 @@ pub(crate) struct Columns {
     pub(crate) normals: Option<Column<3>>,
     /// Of surfels that stand for others, see `levels::Orientation`. They stay in their order.
     pub(crate) orientations: Option<Column<9>>,
-    /// Of the same how fine what they stand for is, from 0 to 1: the roots of σ₁σ₂ of the cloud's own surfels, in the mean, over theirs.
+    /// Of the same how fine what they stand for is, from 0 to 1: the root of the mean σ₁σ₂ of the cloud's own surfels over theirs.
     pub(crate) grains: Option<Column<1>>,
     pub(crate) material: Material,
 }

@@ -332,8 +332,9 @@ fn filtered_floor(floor: f64, attenuation: f64) -> f64 {
 /// The least coverage between the cells that merged surfels stand for, whose σ₁σ₂ is `overlap` of their area and which the filter dims by this
 /// attenuation.
 ///
-/// Gaussians s apart sum up to 1 ± 2 exp(−2π²σ²/s²) along each axis. Here σ²/s² is o for the kernels alone, and o (1 − a)/a for the filter, or half
-/// of it along cells that are twice as long as wide, as those of a k-d tree may be.
+/// Gaussians s apart sum up to 1 ± 2 exp(−2π²σ²/s²) along each axis. With the overlap o and the attenuation a of what is seen face-on σ²/s² is o for
+/// the kernels alone, and o (1 − a)/a for the filter, or half of it along cells that are twice as long as wide, as those of a k-d tree may be. At a
+/// slant a falls and this rises, though less is between cells along one axis only: outlines stay as they are, and need it least.
 fn least_between_cells(overlap: f64, attenuation: f64) -> f64 {
     1.0 - 4.0 * (-std::f64::consts::PI.powi(2) * overlap * (1.0 + 1.0 / attenuation)).exp()
 }

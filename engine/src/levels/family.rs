@@ -17,8 +17,8 @@ pub(super) struct Member {
     pub(super) normal: DVec3,
     /// Of surfaces. Of one that stands for no others it is e₁ × e₂ of the factor, of length 1, or 0 for needles.
     pub(super) orientation: Orientation,
-    /// σ₁σ₂ of the cloud's own surfels that it stands for, in the mean.
-    pub(super) grain: f64,
+    /// The mean σ₁σ₂ of the cloud's own surfels that it stands for.
+    pub(super) kernel_of_own: f64,
     /// Its part in the means of the family; all add up to 1.
     pub(super) share: f64,
 }
@@ -107,7 +107,10 @@ impl Member {
             color: DVec3::from_array(columns.color(index).map(f64::from)),
             normal: if is_surface && normal == DVec3::ZERO { orientation.mean } else { normal },
             orientation,
-            grain: columns.grains.as_ref().map_or(1.0, |grains| f64::from(grains.row(index)[0]).powi(2))
+            kernel_of_own: columns
+                .grains
+                .as_ref()
+                .map_or(1.0, |grains| f64::from(grains.row(index)[0]).powi(2))
                 * across.length(),
             share: match columns.kind {
                 Kind::Extinction | Kind::Surface(_) => strength,

@@ -80,7 +80,10 @@ pub(super) fn coarser(below: &Level, tolerance: f64) -> Level {
         material: columns.material,
     });
     if let Kind::Surface(surface) = &mut above.kind {
-        surface.overlap = overlap(&merged);
+        // Opacity by how many sheets there are asks for coverage as even as the cloud's own.
+        if columns.opacities.is_none() {
+            surface.overlap = overlap(&merged);
+        }
         let orientations = merged.iter().map(|m| m.orientation.numbers()).collect();
         above.orientations = Some(Column::new(orientations, |numbers| *numbers));
         above.grains = Some(Column::new(column(|m| m.grain), |grain| [*grain]));
@@ -95,12 +98,13 @@ pub(super) fn coarser(below: &Level, tolerance: f64) -> Level {
     Level { columns: above, clusters, median_sigma, needs, tolerance }
 }
 
-/// The variance of what is even along a cell of length 1: kernels of families are not narrower.
+/// The variance of what is even along a cell of length 1. Where families clump their cells have gaps, which are samples' own.
 const OF_A_CELL: f64 = 1.0 / 12.0;
 
-/// How cells of merged surfels overlap, in the mean of a level by area.
+/// How cells of merged surfels overlap, in the mean of a level by area. Families that are scattered far apart count as if theirs were whole.
 fn overlap(merged: &[Merged]) -> f32 {
-    let parts = merged.iter().map(|m| [f64::from(m.strength), m.kernel]);
+    let parts =
+        merged.iter().map(|m| (f64::from(m.strength), m.kernel)).map(|(area, own)| [area, own.min(area)]);
     let [areas, kernels] = parts.fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
     (kernels / areas).max(OF_A_CELL) as f32
 }
@@ -140,7 +144,8 @@ impl Merged {
                 strength = family.weight;
                 factor = facing_factor(covariance, orientation.mean.normalize_or(DVec3::Z));
                 kernel = factor.x_axis.cross(factor.y_axis).length();
-                grain = (family.average(|m| m.grain) / kernel.max(f64::MIN_POSITIVE)).min(1.0).sqrt() as f32;
+                grain = (family.average(|m| m.kernel_of_own) / kernel.max(f64::MIN_POSITIVE)).min(1.0).sqrt()
+                    as f32;
             }
         }
         let mut normal: DVec3 =

@@ -8,13 +8,16 @@ use rayon::prelude::*;
 /// 4096 splats of a surface half of the cells of 64 border on the end.
 const RUNS: [usize; 2] = [1 << 12, 1 << 18];
 
-/// How many runs a cloud has at least where they are not the shortest: threads share them.
+/// How many runs a cloud has at least where they are not the shortest: threads share them, each with a copy of a run's numbers.
 const LEAST_RUNS: usize = 16;
 
 /// Puts the splats of each run in the order of a k-d tree's leaves, whose cells are the families: each split is across the longest side
 /// of the centres' box, and as near to the middle as whole families, and families of those, allow.
 pub(super) fn make_compact(columns: &mut Columns) {
-    let run = run_of(columns.len);
+    make_compact_in(columns, run_of(columns.len));
+}
+
+fn make_compact_in(columns: &mut Columns, run: usize) {
     let mut order: Vec<u32> = (0..columns.len).map(|index| (index % run) as u32).collect();
     order.par_chunks_mut(run).enumerate().for_each(|(number, order)| {
         let first = number * run;
@@ -66,6 +69,7 @@ fn left_part(count: usize) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::columns::Column;
 
     #[test]
     fn only_the_last_cells_are_not_full() {
@@ -91,6 +95,25 @@ mod tests {
         let counts = [0, 262_143, 262_144, 1_000_000, 1 << 20, (1 << 22) - 1, 1 << 22, 1 << 30];
         let expected = [1 << 12, 1 << 12, 1 << 14, 1 << 14, 1 << 16, 1 << 16, 1 << 18, 1 << 18];
         assert_eq!(counts.map(run_of), expected);
+    }
+
+    #[test]
+    fn longer_runs_are_permutations_too() {
+        let (count, run) = (40_001, 1 << 14);
+        let place = |i: usize| Vec3::new((i * 7919 % 613) as f32, (i * 104_729 % 977) as f32, i as f32);
+        let mut columns = Columns { len: count, ..Columns::default() };
+        columns.centers = Column::new((0..count).map(place).collect(), Vec3::to_array);
+        make_compact_in(&mut columns, run);
+        // Coordinate z is the number that a splat had.
+        for first in (0..count).step_by(run) {
+            let own = first..count.min(first + run);
+            let mut before: Vec<usize> = own.clone().map(|i| columns.center(i).z as usize).collect();
+            for (i, number) in own.clone().zip(&before) {
+                assert_eq!(columns.center(i), place(*number));
+            }
+            before.sort_unstable();
+            assert!(before.into_iter().eq(own));
+        }
     }
 
     #[test]

@@ -147,7 +147,16 @@ fn closed_surfaces_keep_their_areas_and_normals_and_flat_ones_all_else() {
     flat.shapes = Shapes::Each((0..5000).map(disc).collect());
     let flat = Cloud::new(flat.in_morton_order()).unwrap().with_levels();
     assert_kept(&flat, |_| true);
+    // The mean σ₁σ₂ of samples by area, which grains tell.
+    let kernel = |columns: &Columns, i: usize| {
+        let factor = columns.factor(i);
+        let grain = columns.grains.as_ref().map_or(1.0, |grains| grains.row(i)[0]);
+        f64::from(columns.strength(i) * grain * grain * factor.x_axis.cross(factor.y_axis).length())
+    };
+    let kernels = |columns: &Columns| (0..columns.len).map(|i| kernel(columns, i)).sum::<f64>();
     for level in flat.levels() {
+        let error = kernels(&level.columns) / kernels(flat.columns()) - 1.0;
+        assert!(error.abs() < 1e-5, "{error}");
         let thickness = (0..level.columns.len).map(|i| level.columns.factor(i).z_axis.length());
         assert!(thickness.fold(0.0, f32::max) < 1e-7);
     }
