@@ -220,7 +220,7 @@ impl Cloud {
 
     /// The same cloud with levels of detail: splats that stand for four of the level below each, down to the cloud's own. A
     /// renderer draws them where the picture can't tell. Splats are put in another order, which ids follow, among those of
-    /// each run of 4096 to 262,144, more in larger clouds; they should be in an order that keeps neighbours together, as [`Splats::in_morton_order`] does.
+    /// each run of 4096, or up to 262,144 of large surfaces; they should be in an order that keeps neighbours together, as [`Splats::in_morton_order`] does.
     #[must_use]
     pub fn with_levels(self) -> Self {
         self.with_levels_for(1.0 / 255.0)

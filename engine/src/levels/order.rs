@@ -1,6 +1,6 @@
 //! The order in which four consecutive splats, and sixteen, and so on, are neighbours.
 
-use crate::columns::{CHILDREN, Columns};
+use crate::columns::{CHILDREN, Columns, Kind};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -8,13 +8,15 @@ use rayon::prelude::*;
 /// 4096 splats of a surface half of the cells of 64 border on the end.
 const RUNS: [usize; 2] = [1 << 12, 1 << 18];
 
-/// How many runs a cloud has at least where they are not the shortest: threads share them, each with a copy of a run's numbers.
+/// How many runs a surface has at least where they are not the shortest: threads share them, each with a copy of a run's numbers.
 const LEAST_RUNS: usize = 16;
 
 /// Puts the splats of each run in the order of a k-d tree's leaves, whose cells are the families: each split is across the longest side
 /// of the centres' box, and as near to the middle as whole families, and families of those, allow.
 pub(super) fn make_compact(columns: &mut Columns) {
-    make_compact_in(columns, run_of(columns.len));
+    // Of lattices of kernels, in Morton order, the shortest runs are whole cubes, whose families of four are the most compact.
+    let run = if matches!(columns.kind, Kind::Surface(_)) { run_of(columns.len) } else { RUNS[0] };
+    make_compact_in(columns, run);
 }
 
 fn make_compact_in(columns: &mut Columns, run: usize) {
@@ -27,7 +29,7 @@ fn make_compact_in(columns: &mut Columns, run: usize) {
     columns.reorder(&order, run);
 }
 
-/// How many splats of a cloud are a run.
+/// How many splats of a surface are a run.
 fn run_of(count: usize) -> usize {
     let [mut run, most] = RUNS;
     while run < most && CHILDREN * run * LEAST_RUNS <= count {
