@@ -5,7 +5,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 /// The fewest and the most consecutive splats that are put in order among themselves; powers of four. Where they end cells are not compact: of
-/// 4096 splats of a surface half of the cells of 64 border on the end.
+/// a square of 4096 surfels 28 of the 64 cells of 64 border on the end.
 const RUNS: [usize; 2] = [1 << 12, 1 << 18];
 
 /// How many runs a surface has at least where they are not the shortest: threads share them, each with a copy of a run's numbers.
