@@ -2,7 +2,7 @@
 
 use oblate_engine::simd::Level;
 
-use super::columns::Columns;
+use super::block::Block;
 use super::crossed::{Crossed, Sides};
 use super::ends::Ends;
 use super::hierarchy::{Hierarchy, SIDE};
@@ -43,7 +43,6 @@ pub(super) struct Scratch {
     window: Window,
     splines: Option<[Window; 2]>,
     batch: Box<Batch>,
-    pub(super) surfels: Columns,
     pub(super) ends: Ends,
 }
 
@@ -53,28 +52,33 @@ impl Scratch {
             window: Window::default(),
             splines: None,
             batch: Box::new(Batch::new()),
-            surfels: Columns::default(),
             ends: Ends::default(),
         }
     }
 
-    /// Finds the surfels of a block of bricks, which replace those of the last.
+    /// Finds the surfels of a block of bricks, which replace those that were there.
     #[inline(always)]
-    pub(super) fn block<S: Simd, T: Scalar>(&mut self, simd: S, search: &Search<'_, T>, block: [usize; 3]) {
-        self.surfels.clear();
+    pub(super) fn block<S: Simd, T: Scalar>(
+        &mut self,
+        simd: S,
+        search: &Search<'_, T>,
+        (block, surfels): ([usize; 3], &mut Block),
+    ) {
+        surfels.clear();
         self.ends = Ends::default();
         let bricks: Vec<_> = search.hierarchy.bricks(block, search.value).collect();
-        let are_near = |a: &[usize; 3], b: &[usize; 3]| (0..3).all(|axis| a[axis] / PART == b[axis] / PART);
+        let are_near =
+            |a: &[usize; 3], b: &[usize; 3]| (0..3).all(|axis| a[axis] / PART[axis] == b[axis] / PART[axis]);
         for near in bricks.chunk_by(are_near) {
             let part = Part::of(near, search.slab.dims);
             let sides = self.load(simd, search, &part);
             let crossed = Crossed::new(&sides, &part);
             self.ends.has_gaps |= crossed.has_gaps;
             for brick in near {
-                self.brick(simd, search, (&part, &sides, &crossed), *brick);
+                self.brick(simd, search, (&part, &sides, &crossed), (*brick, surfels));
             }
         }
-        self.flush(simd, search);
+        self.flush(simd, search, surfels);
     }
 
     /// Loads a part's samples and their coefficients, where there is a spline; gives their sides.
@@ -93,9 +97,9 @@ impl Scratch {
     }
 
     #[inline(always)]
-    fn flush<S: Simd, T>(&mut self, simd: S, search: &Search<'_, T>) {
+    fn flush<S: Simd, T>(&mut self, simd: S, search: &Search<'_, T>, surfels: &mut Block) {
         if self.batch.len > 0 {
-            add_batch(simd, &self.batch, (search.geometry, search.interpolation), &mut self.surfels);
+            add_batch(simd, &self.batch, (search.geometry, search.interpolation), surfels);
             self.batch.len = 0;
         }
     }
@@ -106,7 +110,7 @@ impl Scratch {
         simd: S,
         search: &Search<'_, T>,
         (part, sides, crossed): (&Part, &Sides, &Crossed),
-        brick: [usize; 3],
+        (brick, surfels): ([usize; 3], &mut Block),
     ) {
         let dims = search.slab.dims;
         let is_at_border = (0..3).any(|axis| brick[axis] == 0 || brick[axis] + SIDE + 1 >= dims[axis]);
@@ -126,12 +130,12 @@ impl Scratch {
                     self.ends.faces |= faces_crossed(inside, index, dims);
                 }
                 let [first, others @ ..] = sheets_of[usize::from(inside)];
-                self.sheet(simd, search, (local, index, first));
+                self.sheet(simd, search, (local, index, first), surfels);
                 for sheet in others {
                     if sheet == 0 {
                         break;
                     }
-                    self.sheet(simd, search, (local, index, sheet));
+                    self.sheet(simd, search, (local, index, sheet), surfels);
                 }
             }
         }
@@ -143,6 +147,7 @@ impl Scratch {
         simd: S,
         search: &Search<'_, T>,
         (local, index, sheet): ([usize; 3], [usize; 3], u8),
+        surfels: &mut Block,
     ) {
         if let Some(around) = self.window.around(local) {
             self.batch.push(around, index, sheet);
@@ -153,15 +158,15 @@ impl Scratch {
             self.batch.push_coefficients(around);
         }
         if self.batch.len == REGISTERS * F::<S>::LEN {
-            self.flush(simd, search);
+            self.flush(simd, search, surfels);
         }
     }
 }
 
-/// The most cells of a part along an axis: its samples stay near the processor, and few lie around them.
-pub(super) const PART: usize = 2 * SIDE;
+/// The most cells of a part along each axis: its samples stay near the processor, and few rows lie around its own.
+pub(super) const PART: [usize; 3] = [4 * SIDE, 2 * SIDE, 2 * SIDE];
 
-/// What is loaded at once: the least box around those of 2×2×2 bricks that a surface may be in.
+/// What is loaded at once: the least box around those of 4×2×2 bricks that a surface may be in.
 pub(super) struct Part {
     /// Its first sample.
     pub(super) base: [usize; 3],

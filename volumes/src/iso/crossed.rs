@@ -7,10 +7,10 @@ use super::slab::Scalar;
 use super::window::{HALO, ROW};
 
 /// A row's samples as bits, the first of the part's own as bit 0.
-type Bits = u32;
+type Bits = u64;
 
 /// Rows of a part's samples along y and z.
-const ROWS: usize = PART + 1;
+const ROWS: usize = PART[1] + 1;
 
 /// On which side of the value a part's samples are, row after row.
 pub(super) struct Sides {
@@ -38,8 +38,8 @@ impl Sides {
         let (mut inside, mut outside) = (0, 0);
         for (number, samples) in row.as_chunks().0.iter().enumerate() {
             let sides = T::sides(simd, samples, value);
-            inside |= sides[0] << (16 * number);
-            outside |= sides[1] << (16 * number);
+            inside |= Bits::from(sides[0]) << (16 * number);
+            outside |= Bits::from(sides[1]) << (16 * number);
         }
         self.inside[ROWS * k + j] = inside >> HALO;
         self.outside[ROWS * k + j] = outside >> HALO;
@@ -58,7 +58,7 @@ impl Sides {
 /// The cells of a part that have corners on both sides and all corners.
 pub(super) struct Crossed {
     /// By z, y: a byte for each brick.
-    rows: [[u32; PART]; PART],
+    rows: [[u32; PART[1]]; PART[2]],
     /// Whether others have corners on both sides.
     pub(super) has_gaps: bool,
 }
@@ -74,10 +74,10 @@ struct Around {
 impl Crossed {
     #[inline(always)]
     pub(super) fn new(sides: &Sides, part: &Part) -> Self {
-        let mut rows = [[0; PART]; PART];
-        let own = (1 << part.cells[0]) - 1;
+        let mut rows = [[0; PART[1]]; PART[2]];
+        let own: Bits = (1 << part.cells[0]) - 1;
         let mut has_gaps = 0;
-        let mut below = [Around::default(); PART];
+        let mut below = [Around::default(); PART[1]];
         for k in 0..=part.cells[2] {
             let [inside, outside] = [&sides.inside, &sides.outside].map(|all| &all[ROWS * k..][..ROWS]);
             for (j, below) in below.iter_mut().enumerate().take(part.cells[1]) {
@@ -96,7 +96,7 @@ impl Crossed {
                         (here.any_inside | below.any_inside) & (here.any_outside | below.any_outside) & own;
                     let whole = here.all_there & below.all_there;
                     has_gaps |= crossed & !whole;
-                    rows[k - 1][j] = crossed & whole;
+                    rows[k - 1][j] = (crossed & whole) as u32;
                 }
                 *below = here;
             }
@@ -124,7 +124,7 @@ mod tests {
     #[test]
     fn cubes_hold_each_cell_once() {
         for (i, j, k) in (0..SIDE).flat_map(|i| (0..4).map(move |row| (i, row & 1, row >> 1))) {
-            let mut crossed = Crossed { rows: [[0; PART]; PART], has_gaps: false };
+            let mut crossed = Crossed { rows: [[0; PART[1]]; PART[2]], has_gaps: false };
             crossed.rows[6 + k][4 + j] = 1 << (SIDE + i);
             let bit = i / 2 * 8 + 4 * k + 2 * j + i % 2;
             assert_eq!(crossed.cubes(1, [4, 6]), 1 << bit, "cell {i}, {j}, {k}");

@@ -5,13 +5,14 @@ use std::borrow::Borrow;
 use oblate_engine::simd::dispatch;
 use rayon::prelude::*;
 
+use super::block::Block;
 use super::cells::{Scratch, Search};
 use super::ends::Ends;
 use super::hierarchy::Hierarchy;
 use super::polygon::Geometry;
 use super::slab::{Scalar, with_slab};
 use super::surfel::Interpolation;
-use super::surfels::{Block, IsoSurfels};
+use super::surfels::IsoSurfels;
 use super::{IsoError, check};
 use crate::volume::{GridFrame, Volume};
 
@@ -107,8 +108,7 @@ pub(super) fn find<T: Scalar>(search: &Search<'_, T>, found: &mut Vec<Block>) ->
     found.resize_with(blocks.len(), Block::default);
     let level = search.level;
     let one = |scratch: &mut Scratch, (to, block): (&mut Block, &[usize; 3])| {
-        dispatch!(level, simd => scratch.block(simd, search, *block));
-        scratch.surfels.gather(&mut to.numbers);
+        dispatch!(level, simd => scratch.block(simd, search, (*block, to)));
         scratch.ends
     };
     let ends = found.par_iter_mut().zip(&blocks).map_init(Scratch::new, one);

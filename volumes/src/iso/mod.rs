@@ -1,13 +1,13 @@
 //! Volumes to surfels of the surface at a value.
 //!
 //! An [`IsoExtractor`] knows the smallest and largest values in bricks of a volume and finds the surfels at one value after
-//! another; [`iso_surfels`] makes one, and a cloud, of one value. From bricks to surfels: `window` has the samples of up to eight as
+//! another; [`iso_surfels`] makes one, and a cloud, of one value. From bricks to surfels: `window` has the samples of up to sixteen as
 //! numbers above the value; `crossed` tells which cells have samples on both sides, `cells` goes through them, and `sheets` says what goes through each; `stencil` puts what is
 //! around a cell beside that of others, so that from there on cells are as many as lanes of SIMD, four registers of them; `polygon` has areas,
-//! `interpolant` and `descent` places, `surfel` normals and half-axes.
+//! `interpolant` and `descent` places, `surfel` normals and half-axes, and `block` is where surfels stay.
 
+mod block;
 mod cells;
-mod columns;
 mod crossed;
 mod descent;
 mod ends;

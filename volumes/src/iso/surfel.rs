@@ -2,7 +2,7 @@
 
 use glam::{DMat3, Mat3, Vec3};
 
-use super::columns::Columns;
+use super::block::Block;
 use super::descent::{onto_near_surface, onto_surface};
 use super::interpolant::{Tricubic, Trilinear};
 use super::lanes::*;
@@ -103,12 +103,7 @@ impl Geometry {
 
 /// Appends the surfels of a batch; sheets without an area have none. A function of its own, the same for all types of samples.
 #[inline(never)]
-pub(super) fn add_batch<S: Simd>(
-    simd: S,
-    batch: &Batch,
-    look: (&Geometry, Interpolation),
-    out: &mut Columns,
-) {
+pub(super) fn add_batch<S: Simd>(simd: S, batch: &Batch, look: (&Geometry, Interpolation), out: &mut Block) {
     simd.vectorize(
         #[inline(always)]
         || add_registers(simd, batch, look, out),
@@ -151,7 +146,7 @@ fn add_registers<S: Simd>(
     simd: S,
     batch: &Batch,
     (geometry, interpolation): (&Geometry, Interpolation),
-    out: &mut Columns,
+    out: &mut Block,
 ) {
     let n = F::<S>::LEN;
     let mut all = [Sheets::new(simd); REGISTERS];
@@ -203,7 +198,7 @@ fn add_registers<S: Simd>(
         let [u_x, u_y, u_z] = scale::<S>(axes[0], unit);
         let [v_x, v_y, v_z] = scale::<S>(axes[1], unit);
         let area = sheets.polygon.area * unit * unit;
-        out.push::<S>([x, y, z, u_x, u_y, u_z, v_x, v_y, v_z, area], is_there);
+        out.push::<S>(&[x, y, z, u_x, u_y, u_z, v_x, v_y, v_z, area], is_there);
     }
 }
 

@@ -1,6 +1,6 @@
 //! Surfels as they are found, and as a cloud.
 
-use std::iter::repeat;
+use std::iter::{once, repeat};
 use std::ops::Range;
 
 use bytemuck::allocation::cast_vec;
@@ -9,7 +9,8 @@ use rayon::prelude::*;
 
 use oblate_engine::{Closed, Cloud, Shapes, Splats, Strength, Surface, Surfel, SurfelLook};
 
-use super::surfel::{IsoSurfel, NUMBERS};
+use super::block::{Block, Chunk};
+use super::surfel::IsoSurfel;
 use super::{COVERAGE_FLOOR, IRREGULAR_COVERAGE_FLOOR, IsoError, IsoSettings};
 use crate::volume::GridFrame;
 
@@ -34,42 +35,6 @@ pub struct IsoSurfels {
 impl Default for IsoSurfels {
     fn default() -> Self {
         Self { blocks: Vec::new(), closed: Closed::EVERYWHERE, frame: GridFrame::default(), irregular: false }
-    }
-}
-
-/// The surfels of a block of cells.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Block {
-    /// The first number of each, then the second, as [`IsoSurfel::new`] takes them.
-    pub(super) numbers: Vec<f32>,
-}
-
-impl Block {
-    fn mapped(&self, to: &impl Fn(IsoSurfel) -> Option<IsoSurfel>) -> Self {
-        let surfels: Vec<[f32; NUMBERS]> = self.iter().filter_map(to).map(IsoSurfel::numbers).collect();
-        let number = |number: usize| surfels.iter().map(move |numbers| numbers[number]);
-        Self { numbers: (0..NUMBERS).flat_map(number).collect() }
-    }
-
-    fn len(&self) -> usize {
-        self.numbers.len() / NUMBERS
-    }
-
-    fn areas(&self) -> &[f32] {
-        &self.numbers[(NUMBERS - 1) * self.len()..]
-    }
-
-    #[inline]
-    fn iter(&self) -> impl Iterator<Item = IsoSurfel> + '_ {
-        self.since(0)
-    }
-
-    /// All from one on.
-    #[inline]
-    fn since(&self, first: usize) -> impl Iterator<Item = IsoSurfel> + '_ {
-        let n = self.len();
-        let rows: [&[f32]; NUMBERS] = std::array::from_fn(|number| &self.numbers[number * n..][..n]);
-        (first..n).map(move |i| IsoSurfel::new(std::array::from_fn(|number| rows[number][i])))
     }
 }
 
@@ -102,7 +67,10 @@ impl IsoSurfels {
     /// The area of the surface, in squared world units: the sum of its polygons'.
     pub fn area(&self) -> f64 {
         // A sum for each block, so that its order is the same for any number of threads.
-        let of_block = |block: &Block| block.areas().iter().map(|area| f64::from(*area)).sum::<f64>();
+        let of_block = |block: &Block| {
+            let areas = block.chunks().iter().flat_map(Chunk::areas);
+            areas.map(|area| f64::from(*area)).sum::<f64>()
+        };
         self.blocks.par_iter().map(of_block).collect::<Vec<_>>().into_iter().sum()
     }
 
@@ -116,7 +84,8 @@ impl IsoSurfels {
     pub(crate) fn mapped(self, frame: GridFrame, to: impl Fn(IsoSurfel) -> Option<IsoSurfel> + Sync) -> Self {
         // Faces of the grid may be bent.
         let closed = self.is_closed().into();
-        let blocks: Vec<Block> = self.blocks.into_par_iter().map(|block| block.mapped(&to)).collect();
+        let blocks: Vec<Block> =
+            self.blocks.into_par_iter().map(|block| block.iter().filter_map(&to).collect()).collect();
         let of_block = |[areas, lengths]: [f64; 2], surfel: IsoSurfel| {
             let area = f64::from(surfel.area);
             [areas + area, lengths + area * f64::from(surfel.half_axes[0].length())]
@@ -191,21 +160,18 @@ impl IsoSurfels {
             closed: self.closed_if(settings),
             material: settings.material,
         };
-        let ends: Vec<usize> = self
-            .blocks
-            .iter()
-            .scan(0, |end, block| {
-                *end += block.len();
-                Some(*end)
-            })
-            .collect();
+        let chunks: Vec<&Chunk> = self.blocks.iter().flat_map(Block::chunks).collect();
+        let end = |end: &mut usize, chunk: &&Chunk| {
+            *end += chunk.len();
+            Some(*end)
+        };
+        let ends: Vec<usize> = chunks.iter().scan(0, end).collect();
         let surfels = |numbers: Range<usize>| {
             let first = ends.partition_point(|end| *end <= numbers.start);
             let begin = first.checked_sub(1).map_or(0, |before| ends[before]);
-            // All but the first block are taken from their beginning.
-            let blocks =
-                self.blocks[first..].iter().zip(std::iter::once(numbers.start - begin).chain(repeat(0)));
-            let all = blocks.flat_map(|(block, from)| block.since(from));
+            // All but the first chunk are taken from their beginning.
+            let froms = once(numbers.start - begin).chain(repeat(0));
+            let all = chunks[first..].iter().zip(froms).flat_map(|(chunk, from)| chunk.since(from));
             all.map(|surfel| Surfel {
                 center: surfel.center,
                 factor: surfel.factor(settings.flattening),

@@ -11,16 +11,16 @@ use super::slab::{Scalar, Slab};
 /// Samples before the part's, and after the last corners of its cells, as cubic splines of their corners' neighbours need.
 pub(super) const HALO: usize = 2;
 /// Samples along y and z.
-const WIDTH: usize = PART + 1 + 2 * HALO;
+const WIDTH: usize = PART[1] + 1 + 2 * HALO;
 /// Samples along x, more than are needed.
-pub(super) const ROW: usize = 32;
+pub(super) const ROW: usize = 48;
 /// From a sample to the next along y and z.
 pub(super) const STRIDES: [usize; 2] = [ROW, ROW * WIDTH];
 
 /// Samples from a cell's neighbourhood's first to its last: four along each axis.
 pub(super) const SPAN: usize = 3 * STRIDES[1] + 3 * STRIDES[0] + 4;
 
-/// Two lines of the cache.
+/// Whole lines of the cache.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C, align(64))]
 struct Row([f32; ROW]);
