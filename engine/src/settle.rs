@@ -103,7 +103,8 @@ const FINER: [(Order, FootprintForm); 2] =
 ///
 /// All this is judged with every splat drawn. Last, levels of detail are as coarse ([`RenderSettings::level_of_detail`], from 8 times the
 /// width of the pixels' filter down to 0), if that is what it is by default, as the picture, with all that is settled before them, keeps to
-/// what ways must keep to; where they may be coarser with surfels that end where they are set to, these do.
+/// what ways must keep to; where they may be coarser with surfels that end where they are set to, these do, and where they may be with slabs
+/// that are thinner and take about as long, slabs are.
 ///
 /// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame. Where windows show nothing,
 /// settings stay as they are; pictures of fewer pixels than a window's are drawn in the finest way.
@@ -167,13 +168,33 @@ pub fn settle(
     let merged = |level_of_detail: f64| {
         first(outlined.iter().map(|ends| RenderSettings { level_of_detail, ..*ends }), keeps)
     };
+    let mut best = outlined[0];
     for (number, level_of_detail) in levels.iter().enumerate().step_by(2) {
         if let Some(found) = merged(*level_of_detail)? {
             let coarser = number.checked_sub(1).map(|number| merged(levels[number])).transpose()?;
-            return Ok(coarser.flatten().unwrap_or(found));
+            best = coarser.flatten().unwrap_or(found);
+            break;
         }
     }
-    Ok(outlined[0])
+    // Thinner slabs leave more of the tolerance to levels.
+    let thinnest = ways.iter().rfind(|way| take_as_long(taken, way)).filter(|way| *way != taken);
+    if let Some(way) = thinnest {
+        let before = best.level_of_detail;
+        for level_of_detail in levels.into_iter().rev().filter(|level| *level > before) {
+            let found = RenderSettings { level_of_detail, ..drawn_in(way, &best) };
+            if !keeps(&found)? {
+                break;
+            }
+            best = found;
+        }
+    }
+    Ok(best)
+}
+
+/// Whether two ways are slabs of which kernels touch two, mostly: however thick they are, they take about as long.
+fn take_as_long(a: &(Order, FootprintForm), b: &(Order, FootprintForm)) -> bool {
+    let are_thick = |order: &Order| matches!(order, Order::Slabs { thickness } if *thickness >= BOXED);
+    are_thick(&a.0) && are_thick(&b.0) && a.1 == b.1
 }
 
 /// The first of some that will do.

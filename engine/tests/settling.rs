@@ -181,3 +181,54 @@ fn levels_are_as_coarse_as_the_tolerance_allows() {
         }
     }
 }
+
+/// A dense lattice in layers of two colours, far away: slabs that are thick enough for every splat would leave too little of the tolerance to levels.
+#[test]
+fn slabs_are_thin_enough_for_levels() {
+    let side = 64;
+    let place =
+        |i: usize| [i % side, i / side % side, i / side / side].map(|k| 2.0 * k as f32 / side as f32 - 1.0);
+    let centers: Vec<Vec3> =
+        (0..side * side * side).map(|i| Vec3::from(place(i))).filter(|place| place.length() < 1.0).collect();
+    let sigma = 1.2 / side as f32;
+    let is_red = |place: &Vec3| (12.0 * place.dot(Vec3::new(0.3, 0.2, 1.0))).sin() > 0.0;
+    let lattice = Cloud::new(Splats {
+        shapes: Shapes::Shared(Mat3::from_diagonal(Vec3::splat(sigma))),
+        strength: Strength::Extinction { masses: vec![2.0 * sigma * sigma; centers.len()] },
+        colors: centers
+            .iter()
+            .map(|place| [[0.1, 0.3, 0.9], [0.9, 0.2, 0.1]][usize::from(is_red(place))])
+            .collect(),
+        centers,
+        harmonics: None,
+        normals: None,
+        material: Material::UNLIT,
+    })
+    .unwrap();
+    let camera = scenes::camera(9.0, 96);
+    let tolerance = 9.0 / 255.0;
+    let lattice = lattice.with_levels_for(tolerance);
+    let left_open = RenderSettings { tolerance, ..unshaded() };
+    let scene = Scene { clouds: vec![lattice.clone()], lights: Vec::new() };
+    let settled = settle(&scene, &camera, &left_open).unwrap();
+    assert_eq!((settled.order, settled.level_of_detail), (Order::Slabs { thickness: 1.86 }, 1.0));
+
+    let color = |settings: &RenderSettings| draw(vec![lattice.clone()], &camera, settings).color;
+    let finest = RenderSettings {
+        order: Order::Slabs { thickness: 0.25 },
+        footprint: FootprintForm::Exact,
+        cutoff: 30.0,
+        level_of_detail: 0.0,
+        ..settled
+    };
+    let truth = color(&finest);
+    let off_by = |thickness: f64, level_of_detail: f64| {
+        let settings = RenderSettings { order: Order::Slabs { thickness }, level_of_detail, ..settled };
+        error(&truth, &color(&settings)) / tolerance
+    };
+    // Ways may be off by 0.6 of the tolerance.
+    assert!(off_by(2.45, 0.0) < 0.6, "thick slabs are not even taken for every splat");
+    assert!(off_by(2.45, settled.level_of_detail) > 0.6, "thick slabs would have done");
+    let found = off_by(1.86, settled.level_of_detail);
+    assert!(found < 0.6, "{found} of the tolerance");
+}
