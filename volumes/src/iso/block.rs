@@ -3,15 +3,21 @@
 use super::lanes::*;
 use super::surfel::{IsoSurfel, NUMBERS};
 
-/// Surfels for which there is room in a chunk.
-const ROOM: usize = 256;
+/// Surfels for which there is room in a chunk: 5 KiB, of which half is empty in the last one of each block on average.
+const ROOM: usize = 128;
 
 /// Surfels that are written where they stay, chunk after chunk.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub(super) struct Block {
     chunks: Vec<Chunk>,
     /// Chunks in use: the others are there to be used again.
     used: usize,
+}
+
+impl Clone for Block {
+    fn clone(&self) -> Self {
+        Self { chunks: self.chunks().to_vec(), used: self.used }
+    }
 }
 
 impl PartialEq for Block {
@@ -114,7 +120,7 @@ impl Chunk {
     #[inline(always)]
     fn push<S: Simd>(&mut self, numbers: &[F<S>; NUMBERS], is_there: M<S>) {
         let len = self.len;
-        // Nearly always all are, and not every processor can pack lanes by itself.
+        // Nearly always all are there, and not every processor can pack lanes by itself.
         if is_there.all_true() {
             for (row, numbers) in self.numbers.iter_mut().zip(numbers) {
                 numbers.store_slice(&mut row[len..][..F::<S>::LEN]);

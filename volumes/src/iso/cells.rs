@@ -43,6 +43,8 @@ pub(super) struct Scratch {
     window: Window,
     splines: Option<[Window; 2]>,
     batch: Box<Batch>,
+    /// Of the block that is searched.
+    pub(super) surfels: Block,
     pub(super) ends: Ends,
 }
 
@@ -52,19 +54,15 @@ impl Scratch {
             window: Window::default(),
             splines: None,
             batch: Box::new(Batch::new()),
+            surfels: Block::default(),
             ends: Ends::default(),
         }
     }
 
     /// Finds the surfels of a block of bricks, which replace those that were there.
     #[inline(always)]
-    pub(super) fn block<S: Simd, T: Scalar>(
-        &mut self,
-        simd: S,
-        search: &Search<'_, T>,
-        (block, surfels): ([usize; 3], &mut Block),
-    ) {
-        surfels.clear();
+    pub(super) fn block<S: Simd, T: Scalar>(&mut self, simd: S, search: &Search<'_, T>, block: [usize; 3]) {
+        self.surfels.clear();
         self.ends = Ends::default();
         let bricks: Vec<_> = search.hierarchy.bricks(block, search.value).collect();
         let are_near =
@@ -75,10 +73,10 @@ impl Scratch {
             let crossed = Crossed::new(&sides, &part);
             self.ends.has_gaps |= crossed.has_gaps;
             for brick in near {
-                self.brick(simd, search, (&part, &sides, &crossed), (*brick, surfels));
+                self.brick(simd, search, (&part, &sides, &crossed), *brick);
             }
         }
-        self.flush(simd, search, surfels);
+        self.flush(simd, search);
     }
 
     /// Loads a part's samples and their coefficients, where there is a spline; gives their sides.
@@ -97,9 +95,9 @@ impl Scratch {
     }
 
     #[inline(always)]
-    fn flush<S: Simd, T>(&mut self, simd: S, search: &Search<'_, T>, surfels: &mut Block) {
+    fn flush<S: Simd, T>(&mut self, simd: S, search: &Search<'_, T>) {
         if self.batch.len > 0 {
-            add_batch(simd, &self.batch, (search.geometry, search.interpolation), surfels);
+            add_batch(simd, &self.batch, (search.geometry, search.interpolation), &mut self.surfels);
             self.batch.len = 0;
         }
     }
@@ -110,7 +108,7 @@ impl Scratch {
         simd: S,
         search: &Search<'_, T>,
         (part, sides, crossed): (&Part, &Sides, &Crossed),
-        (brick, surfels): ([usize; 3], &mut Block),
+        brick: [usize; 3],
     ) {
         let dims = search.slab.dims;
         let is_at_border = (0..3).any(|axis| brick[axis] == 0 || brick[axis] + SIDE + 1 >= dims[axis]);
@@ -130,12 +128,12 @@ impl Scratch {
                     self.ends.faces |= faces_crossed(inside, index, dims);
                 }
                 let [first, others @ ..] = sheets_of[usize::from(inside)];
-                self.sheet(simd, search, (local, index, first), surfels);
+                self.sheet(simd, search, (local, index, first));
                 for sheet in others {
                     if sheet == 0 {
                         break;
                     }
-                    self.sheet(simd, search, (local, index, sheet), surfels);
+                    self.sheet(simd, search, (local, index, sheet));
                 }
             }
         }
@@ -147,7 +145,6 @@ impl Scratch {
         simd: S,
         search: &Search<'_, T>,
         (local, index, sheet): ([usize; 3], [usize; 3], u8),
-        surfels: &mut Block,
     ) {
         if let Some(around) = self.window.around(local) {
             self.batch.push(around, index, sheet);
@@ -158,12 +155,12 @@ impl Scratch {
             self.batch.push_coefficients(around);
         }
         if self.batch.len == REGISTERS * F::<S>::LEN {
-            self.flush(simd, search, surfels);
+            self.flush(simd, search);
         }
     }
 }
 
-/// The most cells of a part along each axis: its samples stay near the processor, and few rows lie around its own.
+/// The most cells of a part along each axis: its samples stay in the second cache, and few rows lie around its own.
 pub(super) const PART: [usize; 3] = [4 * SIDE, 2 * SIDE, 2 * SIDE];
 
 /// What is loaded at once: the least box around those of 4×2×2 bricks that a surface may be in.

@@ -9,6 +9,8 @@ use super::window::{HALO, ROW};
 /// A row's samples as bits, the first of the part's own as bit 0.
 type Bits = u64;
 
+const _: () = assert!(ROW <= Bits::BITS as usize && PART[0] <= u32::BITS as usize);
+
 /// Rows of a part's samples along y and z.
 const ROWS: usize = PART[1] + 1;
 
@@ -124,11 +126,19 @@ mod tests {
     #[test]
     fn cubes_hold_each_cell_once() {
         for (i, j, k) in (0..SIDE).flat_map(|i| (0..4).map(move |row| (i, row & 1, row >> 1))) {
-            let mut crossed = Crossed { rows: [[0; PART[1]]; PART[2]], has_gaps: false };
-            crossed.rows[6 + k][4 + j] = 1 << (SIDE + i);
-            let bit = i / 2 * 8 + 4 * k + 2 * j + i % 2;
-            assert_eq!(crossed.cubes(1, [4, 6]), 1 << bit, "cell {i}, {j}, {k}");
-            assert_eq!(crossed.cubes(0, [4, 6]), 0);
+            for own in 0..PART[0] / SIDE {
+                let mut crossed = Crossed { rows: [[0; PART[1]]; PART[2]], has_gaps: false };
+                crossed.rows[6 + k][4 + j] = 1 << (SIDE * own + i);
+                let bit = i / 2 * 8 + 4 * k + 2 * j + i % 2;
+                for brick in 0..PART[0] / SIDE {
+                    let expected = if brick == own { 1 << bit } else { 0 };
+                    assert_eq!(
+                        crossed.cubes(brick, [4, 6]),
+                        expected,
+                        "cell {i}, {j}, {k} of {own} in {brick}"
+                    );
+                }
+            }
         }
     }
 }

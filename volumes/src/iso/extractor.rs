@@ -108,7 +108,9 @@ pub(super) fn find<T: Scalar>(search: &Search<'_, T>, found: &mut Vec<Block>) ->
     found.resize_with(blocks.len(), Block::default);
     let level = search.level;
     let one = |scratch: &mut Scratch, (to, block): (&mut Block, &[usize; 3])| {
-        dispatch!(level, simd => scratch.block(simd, search, (*block, to)));
+        std::mem::swap(&mut scratch.surfels, to);
+        dispatch!(level, simd => scratch.block(simd, search, *block));
+        std::mem::swap(&mut scratch.surfels, to);
         scratch.ends
     };
     let ends = found.par_iter_mut().zip(&blocks).map_init(Scratch::new, one);

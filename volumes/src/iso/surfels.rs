@@ -21,7 +21,7 @@ const SURFEL_RADIUS: f64 = 0.6;
 /// The standard deviation of a surfel along its longer half-axis, in steps, on average.
 const MEAN_RADIUS: f64 = 0.5;
 
-/// The surfels of a surface: 40 bytes each, block of cells by block, in Morton order of bricks of 8×8×8 cells, and in these cube
+/// The surfels of a surface: 40 bytes each, in chunks of 128, block of cells by block, in Morton order of bricks of 8×8×8 cells, and in these cube
 /// by cube of 2×2×2.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IsoSurfels {
@@ -161,11 +161,11 @@ impl IsoSurfels {
             material: settings.material,
         };
         let chunks: Vec<&Chunk> = self.blocks.iter().flat_map(Block::chunks).collect();
-        let end = |end: &mut usize, chunk: &&Chunk| {
+        let next_end = |end: &mut usize, chunk: &&Chunk| {
             *end += chunk.len();
             Some(*end)
         };
-        let ends: Vec<usize> = chunks.iter().scan(0, end).collect();
+        let ends: Vec<usize> = chunks.iter().scan(0, next_end).collect();
         let surfels = |numbers: Range<usize>| {
             let first = ends.partition_point(|end| *end <= numbers.start);
             let begin = first.checked_sub(1).map_or(0, |before| ends[before]);

@@ -12,8 +12,9 @@ use super::slab::{Scalar, Slab};
 pub(super) const HALO: usize = 2;
 /// Samples along y and z.
 const WIDTH: usize = PART[1] + 1 + 2 * HALO;
-/// Samples along x, more than are needed.
+/// Samples along x: as many as are needed and more, whole registers of sixteen.
 pub(super) const ROW: usize = 48;
+const _: () = assert!(ROW.is_multiple_of(16) && ROW > PART[0] + 2 * HALO && PART[1] == PART[2]);
 /// From a sample to the next along y and z.
 pub(super) const STRIDES: [usize; 2] = [ROW, ROW * WIDTH];
 
