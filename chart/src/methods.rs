@@ -116,7 +116,8 @@ const LOW_PASSES: [f64; 2] = [1.0, 1.0 / 12.0];
 const BUDGETS: [f64; 2] = [0.5, 0.125];
 
 /// The ways in which a scene can be drawn that is drawn with `settings` when nothing is said; the first is that. Other dials are turned
-/// around what is `settled` of it.
+/// around what is `settled` of it, each by itself: with every splat, or, budgets, with levels of detail as they are by default. How coarse
+/// trials find that levels may be is told by few pixels, which roundings move.
 pub fn methods(scene: &Scene, settings: &RenderSettings, settled: &RenderSettings) -> Vec<Method> {
     let has_kernels = scene.clouds.iter().any(|cloud| !cloud.is_surface());
     let mut all = Vec::new();
@@ -143,20 +144,21 @@ pub fn methods(scene: &Scene, settings: &RenderSettings, settled: &RenderSetting
     let order = if has_kernels { Order::Slabs { thickness: Order::THICKNESS } } else { settings.order };
     let points = RenderSettings { footprint: FootprintForm::Point, order, ..fixed };
     add(Family::Fixed, way(&points), points);
+    let all_splats = RenderSettings { level_of_detail: 0.0, ..*settled };
     for cutoff in CUTOFFS.into_iter().filter(|_| has_kernels) {
-        add(Family::Cutoff, format!("cut off at ρ = {cutoff}"), RenderSettings { cutoff, ..*settled });
+        add(Family::Cutoff, format!("cut off at ρ = {cutoff}"), RenderSettings { cutoff, ..all_splats });
     }
     for low_pass in LOW_PASSES.into_iter().filter(|variance| *variance != settings.low_pass) {
         let name = format!("low-pass {:.2} px²", low_pass);
-        add(Family::LowPass, name, RenderSettings { low_pass, ..*settled });
+        add(Family::LowPass, name, RenderSettings { low_pass, ..all_splats });
     }
     if scene.clouds.iter().any(|cloud| cloud.has_levels()) {
-        let all = RenderSettings { level_of_detail: 0.0, ..*settled };
-        add(Family::Levels, "every splat".into(), all);
+        add(Family::Levels, "every splat".into(), all_splats);
+        let by_default = RenderSettings { level_of_detail: settings.level_of_detail, ..*settled };
         let splats: usize = scene.clouds.iter().map(|cloud| cloud.len()).sum();
         for share in BUDGETS {
             let budget = Some((splats as f64 * share) as usize);
-            add(Family::Levels, format!("budget of {share}"), RenderSettings { budget, ..*settled });
+            add(Family::Levels, format!("budget of {share}"), RenderSettings { budget, ..by_default });
         }
     }
     if has_kernels {
