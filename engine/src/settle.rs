@@ -25,9 +25,9 @@ const SHARE_OF_ENDS: f64 = 0.5;
 /// The share that 99.9 % may be off by where opacities end nearer: of these errors the tail is longer.
 const SHARE_OF_OPACITIES: f64 = 0.6;
 
-/// The tolerance of the pictures that all are compared with, as a share of the one that is asked for: these are off, too, by what bounds of
-/// footprints allow, a quarter of it, and where their opacities end. Footprints that are all exact take three times as long.
-const TRUTH: f64 = 0.125;
+/// The tolerance of the picture that these are compared with, as a share of the one that is asked for: it is off, too, where its
+/// opacities end.
+const TRUTH_OF_ENDS: f64 = 0.125;
 
 /// Where kernels with an extinction may end, nearer than usual. Windows may miss most of the few pixels that still nearer ends change.
 const NEARER: f64 = 9.0;
@@ -88,8 +88,8 @@ const FINER: [(Order, FootprintForm); 2] =
 /// tolerance.
 ///
 /// Windows of what the scene may touch of the picture, 64 of 6×6 pixels that are spread over it or all of it where that is small, are drawn in one way after another, from the quickest
-/// on, and the first is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything, which is drawn with footprints
-/// as exact as an eighth of it asks for. Where at most one in a thousand is off by more, or at most a hundredth by at most two tolerances, three times as many windows elsewhere tell whether they are too many. Kernels are
+/// on, and the first is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Where at most one
+/// in a thousand is off by more, or at most a hundredth by at most two tolerances, three times as many windows elsewhere tell whether they are too many. Kernels are
 /// drawn to where opacities end; then the way that is taken is drawn with nearer ends, from the nearest on, and the first are taken that
 /// keep to a share of the tolerance beside the finest way drawn at an eighth of it (way and ends are judged together):
 /// - Extinctions end at a [cut-off](RenderSettings::cutoff) of 9, if that is what it is by default, or as it is, where 99 % of the
@@ -142,7 +142,7 @@ pub fn settle(
     if windows[0].is_empty() || nothing_else {
         return Ok(RenderSettings { level_of_detail: settings.level_of_detail, ..drawn_in(last, far) });
     }
-    let trial = Trial::new((scene, &windows), right(scene, settings.footprint, drawn_in(last, far)))?;
+    let trial = Trial::new((scene, &windows), drawn_in(last, far))?;
     if trial.shown() == 0 {
         return Ok(*settings);
     }
@@ -151,9 +151,8 @@ pub fn settle(
     let taken = first(others.iter(), |way| keeps(&drawn_in(way, far)))?.unwrap_or(last);
     let mut settled = drawn_in(taken, far);
     if trial.shown() >= LEAST_SHOWN && !nearer.is_empty() {
-        let strict = with_far_ends(&RenderSettings { tolerance: TRUTH * settings.tolerance, ..*far });
-        let footprint = settings.footprint;
-        let trial = Trial::new((scene, &windows), RenderSettings { footprint, ..drawn_in(last, &strict) })?;
+        let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * settings.tolerance, ..*far };
+        let trial = Trial::new((scene, &windows), drawn_in(last, &with_far_ends(&strict)))?;
         let (share, rank) =
             if scene.has_opacities() { (SHARE_OF_OPACITIES, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
         let keeps = |ends: &RenderSettings| Ok(trial.error(rank, ends)? <= share * settings.tolerance);
@@ -192,16 +191,6 @@ pub fn settle(
     Ok(best)
 }
 
-/// The finest way, but for a footprint that is left to the engine: it is as exact as bounds ask for. Opacities end where they did. With levels
-/// that are asked for all stays as it is, since a finer tolerance would ask for others.
-fn right(scene: &Scene, footprint: FootprintForm, finest: RenderSettings) -> RenderSettings {
-    if footprint != FootprintForm::Auto || has_levels(scene) && finest.level_of_detail > 0.0 {
-        return finest;
-    }
-    let end_share = (finest.end_share / TRUTH).min(1.0);
-    RenderSettings { footprint, tolerance: TRUTH * finest.tolerance, end_share, ..finest }
-}
-
 /// Whether two ways are slabs of which kernels touch two, mostly, or three: the engine from afar, of which half of the splats or more were merged, took
 /// 52 to 60 ms with slabs of 2.45, 2 and 1.86σ at one level of detail, and 24 to 27 at a coarser one.
 fn take_as_long(a: &(Order, FootprintForm), b: &(Order, FootprintForm)) -> bool {
@@ -232,12 +221,9 @@ fn outlines(scene: &Scene, settings: &RenderSettings) -> impl Iterator<Item = f6
 
 /// How coarse levels of detail may be, from the coarsest on; none where the scene has none, and where that is said, be it by a budget.
 fn levels(scene: &Scene, settings: &RenderSettings) -> Vec<f64> {
+    let has_levels = scene.clouds.iter().any(|cloud| cloud.levels().len() > 1);
     let is_default = settings.level_of_detail == RenderSettings::default().level_of_detail;
-    if has_levels(scene) && is_default && settings.budget.is_none() { LEVELS.to_vec() } else { Vec::new() }
-}
-
-fn has_levels(scene: &Scene) -> bool {
-    scene.clouds.iter().any(|cloud| cloud.levels().len() > 1)
+    if has_levels && is_default && settings.budget.is_none() { LEVELS.to_vec() } else { Vec::new() }
 }
 
 /// Settings that draw kernels to where opacities end.
