@@ -343,7 +343,8 @@ fn race<'a>(
     plan: &Plan,
     watch: &dyn Watch,
 ) -> Result<Vec<Contender<'a>>, MeasureError> {
-    let settled = settle(&subject.scene, &subject.camera, &subject.settings)?;
+    let every_splat = RenderSettings { level_of_detail: 0.0, ..subject.settings };
+    let settled = settle(&subject.scene, &subject.camera, &every_splat)?;
     let ways = methods(&subject.scene, &subject.settings, &settled);
     let contender = |method, other| Contender {
         method,

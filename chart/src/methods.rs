@@ -11,9 +11,9 @@ pub enum Family {
     Tolerance,
     /// Fixed choices: an order with a form of the footprint, every splat drawn.
     Fixed,
-    /// Where kernels are cut off.
+    /// Where kernels are cut off, every splat drawn.
     Cutoff,
-    /// The pixel's filter.
+    /// The pixel's filter, every splat drawn.
     LowPass,
     /// How many splats stand for the scene.
     Levels,
@@ -116,8 +116,8 @@ const LOW_PASSES: [f64; 2] = [1.0, 1.0 / 12.0];
 const BUDGETS: [f64; 2] = [0.5, 0.125];
 
 /// The ways in which a scene can be drawn that is drawn with `settings` when nothing is said; the first is that. Other dials are turned
-/// around what is `settled` of it, each by itself: with every splat, or, budgets, with levels of detail as they are by default. How coarse
-/// trials find that levels may be is told by few pixels, which roundings move.
+/// around what is `settled` of it with every splat, each by itself: how coarse levels may be is decided in trials by few pixels, which
+/// roundings change.
 pub fn methods(scene: &Scene, settings: &RenderSettings, settled: &RenderSettings) -> Vec<Method> {
     let has_kernels = scene.clouds.iter().any(|cloud| !cloud.is_surface());
     let mut all = Vec::new();
@@ -144,21 +144,20 @@ pub fn methods(scene: &Scene, settings: &RenderSettings, settled: &RenderSetting
     let order = if has_kernels { Order::Slabs { thickness: Order::THICKNESS } } else { settings.order };
     let points = RenderSettings { footprint: FootprintForm::Point, order, ..fixed };
     add(Family::Fixed, way(&points), points);
-    let all_splats = RenderSettings { level_of_detail: 0.0, ..*settled };
     for cutoff in CUTOFFS.into_iter().filter(|_| has_kernels) {
-        add(Family::Cutoff, format!("cut off at ρ = {cutoff}"), RenderSettings { cutoff, ..all_splats });
+        add(Family::Cutoff, format!("cut off at ρ = {cutoff}"), RenderSettings { cutoff, ..*settled });
     }
     for low_pass in LOW_PASSES.into_iter().filter(|variance| *variance != settings.low_pass) {
         let name = format!("low-pass {:.2} px²", low_pass);
-        add(Family::LowPass, name, RenderSettings { low_pass, ..all_splats });
+        add(Family::LowPass, name, RenderSettings { low_pass, ..*settled });
     }
     if scene.clouds.iter().any(|cloud| cloud.has_levels()) {
-        add(Family::Levels, "every splat".into(), all_splats);
-        let by_default = RenderSettings { level_of_detail: settings.level_of_detail, ..*settled };
+        add(Family::Levels, "every splat".into(), *settled);
+        let untried = RenderSettings { level_of_detail: settings.level_of_detail, ..*settled };
         let splats: usize = scene.clouds.iter().map(|cloud| cloud.len()).sum();
         for share in BUDGETS {
             let budget = Some((splats as f64 * share) as usize);
-            add(Family::Levels, format!("budget of {share}"), RenderSettings { budget, ..by_default });
+            add(Family::Levels, format!("budget of {share}"), RenderSettings { budget, ..untried });
         }
     }
     if has_kernels {

@@ -144,8 +144,8 @@ const WORDS: &str = "<details><summary>What the ways are, and the options for th
     <tr><td>layers</td><td></td><td>surfaces alone, which need no order: samples of one sheet are averaged</td></tr>\
     <tr><td>points, affine, exact; each its form</td><td><code>--footprint point|affine|exact|auto</code></td><td>round spots; ellipses; \
     true perspective of a splat; what each splat's own bound asks for</td></tr>\
-    <tr><td>cut off at ρ</td><td></td><td>splats end at √ρ σ; 12.25 unless something is said, beyond that where the default finds it needed</td></tr>\
-    <tr><td>low-pass v px²</td><td><code>--low-pass v</code></td><td>variance of the pixel's filter, 0.3 by default</td></tr>\
+    <tr><td>cut off at ρ</td><td></td><td>splats end at √ρ σ; 12.25 unless something is said, beyond that where the default finds it needed; every splat drawn</td></tr>\
+    <tr><td>low-pass v px²</td><td><code>--low-pass v</code></td><td>variance of the pixel's filter, 0.3 by default; every splat drawn</td></tr>\
     <tr><td>every splat; budget</td><td><code>--level-of-detail off</code>; <code>--budget N</code></td><td>no levels of detail; so many splats at most</td></tr>\
     <tr><td>α = τ, uncorrected, axis sheets</td><td></td><td>how others do it: opacity by Taylor's series, slabs without their own spread taken off, sheets of the grid</td></tr>\
     </table></details>\n";

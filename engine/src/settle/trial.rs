@@ -23,7 +23,7 @@ pub(super) struct Trial<'a> {
     windows: &'a [Vec<Camera>; 2],
     right: RenderSettings,
     truth: Vec<Pixel>,
-    /// Of a third after the other of the others.
+    /// The other windows, drawn as is right: a third of them each.
     more_truth: [OnceLock<Vec<Pixel>>; OTHERS as usize],
     /// Where nothing is seen.
     empty: Pixel,
@@ -78,7 +78,7 @@ impl<'a> Trial<'a> {
         }
         let pixels: u32 =
             self.windows.iter().flatten().map(|window| window.size().iter().product::<u32>()).sum();
-        // As many as may be off if all show something: if more are, it is decided.
+        // As many as may be off if every pixel shows something: once more are, the answer is no.
         let most_off = pixels as usize - rank(pixels as usize, 0.999);
         let more = &self.windows[1];
         let part = more.len().div_ceil(self.more_truth.len()).max(1);
