@@ -6,7 +6,7 @@ use crate::field::difference;
 
 /// The rows along x that a cell's corners are in, each by its places along y and z in a neighbourhood of four.
 const OWN: [[usize; 2]; 4] = [[1, 1], [2, 1], [1, 2], [2, 2]];
-/// Those beside them, of which central differences at the corners need what lies beside the corners.
+/// Those beside them: central differences at the corners need their middle two samples.
 const BESIDE: [[usize; 2]; 8] = [[0, 1], [3, 1], [0, 2], [3, 2], [1, 0], [2, 0], [1, 3], [2, 3]];
 
 /// Registers of sheets that go through each stage together: the next one's numbers are on their way while one's wait for each other.
@@ -16,14 +16,15 @@ const MOST: usize = REGISTERS * MOST_LANES;
 
 /// The four numbers of a row for each cell.
 type Row = [[f32; 4]; MOST];
-/// The middle two.
+/// The middle two of a row for each cell.
 type Pair = [[f32; 2]; MOST];
 
 /// Sheets in cells, each with the samples around its cell.
 #[repr(align(64))]
 pub(super) struct Batch {
-    /// As in [`OWN`], and in [`BESIDE`].
+    /// Of the rows of [`OWN`].
     own: [Row; 4],
+    /// Of the rows of [`BESIDE`].
     beside: [Pair; 8],
     /// Coefficients of a spline, by y + 4 z, where there is one.
     pub(super) coefficients: [Row; 16],
