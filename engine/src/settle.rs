@@ -8,7 +8,7 @@ use crate::cloud::Cloud;
 use crate::columns::Kind;
 use crate::scene::{FootprintForm, Order, RenderSettings, Scene};
 use crate::validate::SceneError;
-use trial::Trial;
+use trial::{MOST_OF_ALL, Trial};
 use windows::windows;
 
 /// The share of the tolerance that 99.9 % of the pixels of windows may be off by in a way: they are a sample.
@@ -146,22 +146,26 @@ pub fn settle(
     if trial.shown() == 0 {
         return Ok(*settings);
     }
-    let limits = |share: f64| [share, MOST_OF_WAYS].map(|share| share * settings.tolerance);
-    let keeps = |found: &RenderSettings| trial.is_within(limits(SHARE_OF_WAYS), found);
+    let keeps_to = |share: f64, found: &RenderSettings| {
+        trial.is_within([share, MOST_OF_WAYS].map(|share| share * settings.tolerance), found)
+    };
+    let keeps = |found: &RenderSettings| keeps_to(SHARE_OF_WAYS, found);
     let taken = first(others.iter(), |way| keeps(&drawn_in(way, far)))?.unwrap_or(last);
     let mut settled = drawn_in(taken, far);
     if trial.shown() >= LEAST_SHOWN && !nearer.is_empty() {
         let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * settings.tolerance, ..*far };
-        let trial = Trial::new((scene, &windows), drawn_in(last, &with_far_ends(&strict)))?;
+        let stricter = Trial::new((scene, &windows), drawn_in(last, &with_far_ends(&strict)))?;
         let (share, rank) =
             if scene.has_opacities() { (SHARE_OF_OPACITIES, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
-        let keeps = |ends: &RenderSettings| Ok(trial.error(rank, ends)? <= share * settings.tolerance);
+        let keeps = |ends: &RenderSettings| {
+            Ok(stricter.error(rank, ends)? <= share * settings.tolerance && keeps_to(MOST_OF_ALL, ends)?)
+        };
         settled = first(nearer.iter().map(|ends| drawn_in(taken, ends)), keeps)?.unwrap_or(settled);
     }
     let mut outlined = vec![settled];
     if trial.shown() >= LEAST_SHOWN {
         let nearer = outlines.map(|outline| RenderSettings { outline, ..settled });
-        let keeps = |found: &RenderSettings| trial.is_within(limits(SHARE_OF_ENDS), found);
+        let keeps = |found: &RenderSettings| keeps_to(SHARE_OF_ENDS, found);
         outlined.splice(0..0, first(nearer, keeps)?);
     }
     // Levels save more than outlines.

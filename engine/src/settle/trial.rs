@@ -13,6 +13,10 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 /// The share of the pixels that must keep to the limit for other windows to be asked: few windows can't tell how many of the others don't.
 const RARE: f64 = 0.99;
 
+/// The share of the tolerance that 99.9 % of the pixels of all windows must keep to where the first keep to less: they see too few of the
+/// largest errors, which lie close together.
+pub(super) const MOST_OF_ALL: f64 = 0.8;
+
 /// A pixel in the space of blending.
 type Pixel = [f32; 4];
 
@@ -59,22 +63,25 @@ impl<'a> Trial<'a> {
         Ok(self.errors(&self.truth, &self.drawn(self.scene, &self.windows[0], settings)?))
     }
 
-    /// Whether 99.9 % of the pixels that show anything are off by at most `limit`. Where at most one in a thousand is off by more, or a few are, but
-    /// by no more than `most`, the other windows tell whether they are too many; of all windows together a thousand pixels must show something.
+    /// Whether all pixels of the first windows are off by at most `limit` and 99.9 % of those of all windows by at most [`MOST_OF_ALL`] of the
+    /// tolerance; or, where at most one in a thousand of the first is off by more, or a few are, but by no more than `most`, 99.9 % of all by
+    /// at most `limit`: of all windows together a thousand pixels must then show something.
     pub(super) fn is_within(
         &self,
         [limit, most]: [f64; 2],
         settings: &RenderSettings,
     ) -> Result<bool, SceneError> {
         let mut errors = self.few_errors(settings)?;
-        if keep_to(&mut errors, 1.0) <= limit {
-            return Ok(true);
-        }
-        // Of fewer than a thousand pixels in all windows, of which the others are expected to show as much, the largest error counts.
-        let are_enough = (1 + OTHERS as usize) * errors.len() >= 1000;
-        let are_few = keep_to(&mut errors, RARE) <= limit && keep_to(&mut errors, 1.0) <= most;
-        if !are_enough || keep_to(&mut errors, 0.999) > limit && !are_few {
-            return Ok(false);
+        let mut of_all = limit.max(MOST_OF_ALL * settings.tolerance);
+        let largest = keep_to(&mut errors, 1.0);
+        if largest > limit {
+            // Of fewer than a thousand pixels in all windows, of which the others are expected to show as much, the largest error counts.
+            let are_enough = (1 + OTHERS as usize) * errors.len() >= 1000;
+            let are_few = keep_to(&mut errors, RARE) <= limit && largest <= most;
+            if !are_enough || keep_to(&mut errors, 0.999) > limit && !are_few {
+                return Ok(false);
+            }
+            of_all = limit;
         }
         let pixels: u32 =
             self.windows.iter().flatten().map(|window| window.size().iter().product::<u32>()).sum();
@@ -83,7 +90,7 @@ impl<'a> Trial<'a> {
         let more = &self.windows[1];
         let part = more.len().div_ceil(self.more_truth.len()).max(1);
         for (windows, truth) in more.chunks(part).zip(&self.more_truth) {
-            if errors.iter().filter(|error| f64::from(**error) > limit).count() > most_off {
+            if errors.iter().filter(|error| f64::from(**error) > of_all).count() > most_off {
                 return Ok(false);
             }
             let truth = match truth.get() {
@@ -95,7 +102,7 @@ impl<'a> Trial<'a> {
             };
             errors.extend(self.errors(truth, &self.drawn(self.scene, windows, settings)?));
         }
-        Ok(keep_to(&mut errors, 0.999) <= limit)
+        Ok(keep_to(&mut errors, 0.999) <= of_all)
     }
 
     /// The largest error of a channel in each pixel that shows anything.
