@@ -89,7 +89,8 @@ const FINER: [(Order, FootprintForm); 2] =
 ///
 /// Windows of what the scene may touch of the picture, 64 of 6×6 pixels that are spread over it or all of it where that is small, are drawn in one way after another, from the quickest
 /// on, and the first is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Where at most one
-/// in a thousand is off by more, or at most a hundredth by at most two tolerances, three times as many windows elsewhere tell whether they are too many. Kernels are
+/// in a thousand is off by more, or at most a hundredth by at most two tolerances, three times as many windows elsewhere tell whether they are too many; and
+/// nothing is taken, be it a way or what follows, with which these and the first together are off by more than 0.8 of the tolerance at 99.9 %. Kernels are
 /// drawn to where opacities end; then the way that is taken is drawn with nearer ends, from the nearest on, and the first are taken that
 /// keep to a share of the tolerance beside the finest way drawn at an eighth of it (way and ends are judged together):
 /// - Extinctions end at a [cut-off](RenderSettings::cutoff) of 9, if that is what it is by default, or as it is, where 99 % of the
