@@ -14,10 +14,6 @@ use windows::windows;
 /// The share of the tolerance that 99.9 % of the pixels of windows may be off by in a way: they are a sample.
 const SHARE_OF_WAYS: f64 = 0.6;
 
-/// The share that no pixel of the first windows may be off by more than where more than one in a thousand is off by too much, or the way isn't
-/// taken whatever others show.
-const MOST_OF_WAYS: f64 = 2.0;
-
 /// The share that 99 % may be off by where kernels end nearer. Windows see little of the tail of these errors, which lie along all
 /// borders: of whole pictures what 99.9 % are off by was 1.2 to 1.8 times what 99 % are.
 const SHARE_OF_ENDS: f64 = 0.5;
@@ -89,8 +85,8 @@ const FINER: [(Order, FootprintForm); 2] =
 ///
 /// Windows of what the scene may touch of the picture, 64 of 6×6 pixels that are spread over it or all of it where that is small, are drawn in one way after another, from the quickest
 /// on, and the first is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Where at most one
-/// in a thousand is off by more, or at most a hundredth by at most two tolerances, three times as many windows elsewhere tell whether they are too many; and
-/// nothing is taken, be it a way or what follows, with which these and the first together are off by more than 0.8 of the tolerance at 99.9 %. Kernels are
+/// in a thousand is off by more, or at most a hundredth by at most two tolerances, three times as many windows elsewhere tell whether they are too many.
+/// Nothing is taken, be it a way or what follows, with which 99.9 % of the pixels of all windows together are off by more than 0.8 of the tolerance. Kernels are
 /// drawn to where opacities end; then the way that is taken is drawn with nearer ends, from the nearest on, and the first are taken that
 /// keep to a share of the tolerance beside the finest way drawn at an eighth of it (way and ends are judged together):
 /// - Extinctions end at a [cut-off](RenderSettings::cutoff) of 9, if that is what it is by default, or as it is, where 99 % of the
@@ -147,10 +143,7 @@ pub fn settle(
     if trial.shown() == 0 {
         return Ok(*settings);
     }
-    let keeps_to = |share: f64, found: &RenderSettings| {
-        trial.is_within([share, MOST_OF_WAYS].map(|share| share * settings.tolerance), found)
-    };
-    let keeps = |found: &RenderSettings| keeps_to(SHARE_OF_WAYS, found);
+    let keeps = |found: &RenderSettings| trial.is_within(SHARE_OF_WAYS, found);
     let taken = first(others.iter(), |way| keeps(&drawn_in(way, far)))?.unwrap_or(last);
     let mut settled = drawn_in(taken, far);
     if trial.shown() >= LEAST_SHOWN && !nearer.is_empty() {
@@ -158,15 +151,17 @@ pub fn settle(
         let stricter = Trial::new((scene, &windows), drawn_in(last, &with_far_ends(&strict)))?;
         let (share, rank) =
             if scene.has_opacities() { (SHARE_OF_OPACITIES, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
+        // The others have been drawn at the tolerance itself by now.
         let keeps = |ends: &RenderSettings| {
-            Ok(stricter.error(rank, ends)? <= share * settings.tolerance && keeps_to(MOST_OF_ALL, ends)?)
+            Ok(stricter.error(rank, ends)? <= share * settings.tolerance
+                && trial.is_within(MOST_OF_ALL, ends)?)
         };
         settled = first(nearer.iter().map(|ends| drawn_in(taken, ends)), keeps)?.unwrap_or(settled);
     }
     let mut outlined = vec![settled];
     if trial.shown() >= LEAST_SHOWN {
         let nearer = outlines.map(|outline| RenderSettings { outline, ..settled });
-        let keeps = |found: &RenderSettings| keeps_to(SHARE_OF_ENDS, found);
+        let keeps = |found: &RenderSettings| trial.is_within(SHARE_OF_ENDS, found);
         outlined.splice(0..0, first(nearer, keeps)?);
     }
     // Levels save more than outlines.

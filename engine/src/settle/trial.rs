@@ -13,8 +13,12 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 /// The share of the pixels that must keep to the limit for other windows to be asked: few windows can't tell how many of the others don't.
 const RARE: f64 = 0.99;
 
-/// The share of the tolerance that 99.9 % of the pixels of all windows must keep to where the first keep to less: they see too few of the
-/// largest errors, which lie close together.
+/// The share of the tolerance that no pixel of the first windows may be off by more than where more than one in a thousand is off by too much,
+/// whatever others show.
+const MOST_OF_FIRST: f64 = 2.0;
+
+/// The share that 99.9 % of the pixels of all windows must keep to, whatever is tried: the first see too few of the largest errors, which
+/// lie together.
 pub(super) const MOST_OF_ALL: f64 = 0.8;
 
 /// A pixel in the space of blending.
@@ -23,7 +27,7 @@ type Pixel = [f32; 4];
 /// Windows of a scene, drawn as is right.
 pub(super) struct Trial<'a> {
     scene: &'a Scene,
-    /// The first, and those that are looked at where these can't decide.
+    /// The first, and the others, which are asked before anything is taken.
     windows: &'a [Vec<Camera>; 2],
     right: RenderSettings,
     truth: Vec<Pixel>,
@@ -63,26 +67,25 @@ impl<'a> Trial<'a> {
         Ok(self.errors(&self.truth, &self.drawn(self.scene, &self.windows[0], settings)?))
     }
 
-    /// Whether all pixels of the first windows are off by at most `limit` and 99.9 % of those of all windows by at most [`MOST_OF_ALL`] of the
-    /// tolerance; or, where at most one in a thousand of the first is off by more, or a few are, but by no more than `most`, 99.9 % of all by
-    /// at most `limit`: of all windows together a thousand pixels must then show something.
-    pub(super) fn is_within(
-        &self,
-        [limit, most]: [f64; 2],
-        settings: &RenderSettings,
-    ) -> Result<bool, SceneError> {
+    /// Whether all pixels of the first windows are off by at most a share of the tolerance, and 99.9 % of those of all windows by at most
+    /// [`MOST_OF_ALL`]; or, where at most one in a thousand of the first is off by more, or a few are, but by no more than [`MOST_OF_FIRST`],
+    /// 99.9 % of all by at most the share: of all windows together a thousand pixels must then show something.
+    pub(super) fn is_within(&self, share: f64, settings: &RenderSettings) -> Result<bool, SceneError> {
+        let [limit, of_first, of_all] =
+            [share, MOST_OF_FIRST, MOST_OF_ALL].map(|share| share * settings.tolerance);
         let mut errors = self.few_errors(settings)?;
-        let mut of_all = limit.max(MOST_OF_ALL * settings.tolerance);
         let largest = keep_to(&mut errors, 1.0);
-        if largest > limit {
+        let limit = if largest <= limit {
+            of_all
+        } else {
             // Of fewer than a thousand pixels in all windows, of which the others are expected to show as much, the largest error counts.
             let are_enough = (1 + OTHERS as usize) * errors.len() >= 1000;
-            let are_few = keep_to(&mut errors, RARE) <= limit && largest <= most;
+            let are_few = keep_to(&mut errors, RARE) <= limit && largest <= of_first;
             if !are_enough || keep_to(&mut errors, 0.999) > limit && !are_few {
                 return Ok(false);
             }
-            of_all = limit;
-        }
+            limit
+        };
         let pixels: u32 =
             self.windows.iter().flatten().map(|window| window.size().iter().product::<u32>()).sum();
         // As many as may be off if every pixel shows something: once more are, the answer is no.
@@ -90,7 +93,7 @@ impl<'a> Trial<'a> {
         let more = &self.windows[1];
         let part = more.len().div_ceil(self.more_truth.len()).max(1);
         for (windows, truth) in more.chunks(part).zip(&self.more_truth) {
-            if errors.iter().filter(|error| f64::from(**error) > of_all).count() > most_off {
+            if errors.iter().filter(|error| f64::from(**error) > limit).count() > most_off {
                 return Ok(false);
             }
             let truth = match truth.get() {
@@ -102,7 +105,7 @@ impl<'a> Trial<'a> {
             };
             errors.extend(self.errors(truth, &self.drawn(self.scene, windows, settings)?));
         }
-        Ok(keep_to(&mut errors, 0.999) <= of_all)
+        Ok(keep_to(&mut errors, 0.999) <= limit)
     }
 
     /// The largest error of a channel in each pixel that shows anything.

@@ -8,7 +8,7 @@ use crate::scene::{RenderSettings, Scene};
 const WINDOWS: u32 = 8;
 const WINDOW: u32 = 6;
 
-/// How many times as many windows there are elsewhere, which tell whether what these say holds.
+/// How many times as many windows there are elsewhere, which check what these say.
 pub(super) const OTHERS: u32 = 3;
 
 /// Parts of so many pixels, four times as many as windows have, are one window: where much lies in a pixel, windows together would see
