@@ -91,6 +91,9 @@ const NORMAL_REACH: f32 = 3.5;
 /// with an optical depth of 4 are off by 0.010 with 2.4 and by 0.003 with 2.8.
 pub(crate) const SLAB_REACH: f32 = 2.8;
 
+/// Kernels that reach as many slabs to either side, or fewer, touch three of them: in slabs of 1.5σ all do.
+const ENDS_AT_THREE: f32 = 1.6;
+
 /// The width of a box with σ = 1.
 pub(crate) const BOX: f32 = 3.464_101_6;
 
@@ -112,9 +115,20 @@ pub(crate) fn share_of_box<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
     x.mul_add(F::simd_from(simd, 1.0 / BOX), half).max(zero).min(one)
 }
 
+/// The share of a kernel before x of its σ that is a normal distribution by a part, and a box by the rest.
+#[inline(always)]
+pub(crate) fn share_before<S: Simd, F: Floats<S>>(simd: S, x: F, normal_part: F) -> F {
+    let of_box = share_of_box(simd, x);
+    (share_of_normal(simd, x) - of_box).mul_add(normal_part, of_box)
+}
+
 /// See [`Slabs::are_level`]; in tolerances, for optical depths from a tenth up, and for smaller ones that times a tenth over them.
 const LEVEL: f32 = 2.5;
 const LEAST_STEEP: f32 = 0.1;
+
+/// By how much the shares of a normal distribution change a σ before both of the planes between three slabs together, at most:
+/// 2φ(0.95), in slabs of 1.5σ in the middle of one.
+const STEEPNESS: f32 = 0.51;
 
 /// Slabs go by the clouds with the smallest kernels, down to this share of the largest: a kernel that touches ten thousand slabs
 /// would take as long as a thousand that touch one or two each.
@@ -293,19 +307,23 @@ impl Slabs {
     }
 
     /// How far to either side kernels are in slabs, from how far their densest points are from the centre at most. A
-    /// box that reaches a little over half a slab ends there, so that it touches two slabs, and not now and then three; its
-    /// last slabs get what is beyond them.
+    /// box that reaches a little over half a slab ends there, so that it touches two slabs, and not now and then three; what reaches a little
+    /// over a slab ends there, so that it touches three. The last slabs get what is beyond them.
     #[inline(always)]
     fn half<S: Simd, F: Floats<S>>(&self, simd: S, sigma: F, reach: F) -> F {
         let Spread { half, normal_part, .. } = self.spread(simd, sigma);
         let is_box = normal_part.simd_le(F::simd_from(simd, 0.0));
         let (thickness, all) = (self.thickness as f32, half + reach);
-        let most = F::simd_from(simd, 0.75 * thickness);
-        (is_box & all.simd_le(most)).select(all.min(F::simd_from(simd, 0.499 * thickness)), all)
+        let [half, most_of_half, one, most_of_one] = [0.499, 0.75, 0.999, ENDS_AT_THREE].each(
+            #[inline(always)]
+            |count| F::simd_from(simd, count * thickness),
+        );
+        let all = all.simd_le(most_of_one).select(all.min(one), all);
+        (is_box & all.simd_le(most_of_half)).select(all.min(half), all)
     }
 
-    /// Which kernels share a box out alike at all their pixels: those whose distances have a standard deviation, over the footprint, of a
-    /// small part of the box.
+    /// Which kernels are shared out alike at all their pixels: those whose share before a plane has a small standard deviation over the
+    /// footprint, as it follows from that of their distances and from 1/σ of their spread.
     ///
     /// 0.8 times that part of a kernel, of either sign, then lies in the neighbouring slab: of its optical depth at most a fifth of the
     /// tolerance, or 2 % where it is above a tenth. A slab shows that by its own optical depth, and what its kernels move to and fro cancels
@@ -314,11 +332,13 @@ impl Slabs {
     pub(crate) fn are_level<S: Simd, F: Floats<S>>(
         &self,
         simd: S,
-        [deviation, inverse]: [F; 2],
+        (deviation, inverse, normal_part): (F, F, F),
         optical_depth: F,
     ) -> F::Mask {
         let weight = (optical_depth * (1.0 / LEAST_STEEP)).min(F::simd_from(simd, 1.0));
-        (deviation * inverse * weight).simd_le(F::simd_from(simd, self.level * BOX))
+        let steepness =
+            normal_part.mul_add(F::simd_from(simd, STEEPNESS - 1.0 / BOX), F::simd_from(simd, 1.0 / BOX));
+        (deviation * inverse * steepness * weight).simd_le(F::simd_from(simd, self.level))
     }
 
     /// How far a slab begins.
@@ -442,7 +462,9 @@ mod tests {
             // A normal distribution is within 2.4 σ but for 0.8 % on either side; a box wider than a slab, by 22 %
             // at most, may end before it.
             assert!(before < 0.1 && until > 0.9, "{distance}, {sigma}: {before}, {until}");
+            // Slabs are 0.5 thick: 1.85σ, and 1.5σ.
             assert!(sigma > 0.27 || last <= first + 1.0, "{distance}, {sigma}: from {first} to {last}");
+            assert!(sigma > 0.5 / 1.49 || last <= first + 2.0, "{distance}, {sigma}: from {first} to {last}");
         }
     }
 

@@ -56,16 +56,17 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
             return self.add_to_sheets::<DEPTH>(simd, plain, open);
         };
         let narrow = plain.kernels.slabs.narrow;
-        let level = if DEPTH { plain.kernels.level_points() } else { plain.kernels.slabs.level };
+        let [level, level_in_three] = plain.kernels.level::<DEPTH>();
         let mut rest = plain.set;
         while rest != 0 {
             let set = before(rest, rest & !level);
-            self.add_level::<DEPTH>(simd, Plain { set, ..plain }, slabs, open);
+            self.add_level::<DEPTH, false>(simd, Plain { set, ..plain }, slabs, open);
             rest ^= set;
             let set = before(rest, rest & (level | !narrow));
             self.add_narrow::<DEPTH>(simd, Plain { set, ..plain }, slabs, open);
             rest ^= set;
-            let set = before(rest, rest & narrow);
+            let in_three = before(rest, rest & !level_in_three);
+            let set = if in_three != 0 { in_three } else { before(rest, rest & (narrow | level_in_three)) };
             rest ^= set;
             if set != 0 {
                 // A function of its own takes no registers from the other ways.
@@ -73,7 +74,7 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
                 *self = apart(
                     simd,
                     #[inline(always)]
-                    || copy.add_wide::<DEPTH>(simd, Plain { set, ..plain }, slabs, open),
+                    || copy.add_wide::<DEPTH>(simd, (Plain { set, ..plain }, in_three != 0), slabs, open),
                 );
             }
         }
@@ -185,9 +186,9 @@ impl<S: Simd> Slabbed<S> {
         }
     }
 
-    /// Adds level kernels, which touch two slabs at most: both sums grow by the same weight.
+    /// Adds level kernels, which touch two slabs at most, or three: all sums grow by the same weight.
     #[inline(always)]
-    fn add_level<const DEPTH: bool>(
+    fn add_level<const DEPTH: bool, const IN_THREE: bool>(
         &mut self,
         simd: S,
         mut plain: Plain<S>,
@@ -195,16 +196,29 @@ impl<S: Simd> Slabbed<S> {
         open: &mut OpenSlabs,
     ) {
         let Plain { kernels, pixels, .. } = plain;
+        let mut third = if IN_THREE { open.take(simd, self.first + 2) } else { Sum::zero(simd) };
         while let Some(number) = plain.next() {
             let first = kernels.slabs.first[number];
             if first != self.first {
+                if IN_THREE {
+                    third.store(open.slab(self.first + 2));
+                }
                 self.close_before::<DEPTH>(simd, first, slabs.thickness(), open);
+                if IN_THREE {
+                    third = open.take(simd, self.first + 2);
+                }
             }
-            self.end = self.end.max(first + 2);
+            self.end = self.end.max(first + if IN_THREE { 3 } else { 2 });
             let weight = kernels.plain_weight(simd, number, pixels);
             for (slab, sum) in self.near.iter_mut().enumerate() {
                 sum.add_grain::<DEPTH>(simd, weight, &kernels.slabs.grain(number, slab));
             }
+            if IN_THREE {
+                third.add_grain::<DEPTH>(simd, weight, &kernels.slabs.grain(number, 2));
+            }
+        }
+        if IN_THREE {
+            third.store(open.slab(self.first + 2));
         }
     }
 
@@ -228,15 +242,19 @@ impl<S: Simd> Slabbed<S> {
         self.near[1].add::<DEPTH>(simd, (matter.optical_depth - nearer, depths[1]), color);
     }
 
-    /// Adds any plain kernels.
+    /// Adds plain kernels that may touch more than two slabs: all of them level ones that touch three, or any.
     #[inline(always)]
     fn add_wide<const DEPTH: bool>(
         mut self,
         simd: S,
-        mut plain: Plain<S>,
+        (mut plain, are_level): (Plain<S>, bool),
         slabs: &Slabs,
         open: &mut OpenSlabs,
     ) -> Self {
+        if are_level {
+            self.add_level::<DEPTH, true>(simd, plain, slabs, open);
+            return self;
+        }
         self.store_near(open);
         let Plain { kernels, pixels, corner, .. } = plain;
         while let Some(number) = plain.next() {

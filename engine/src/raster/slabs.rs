@@ -3,7 +3,7 @@
 use super::column::{BATCH, Column, sixteen, sixteen_of};
 use super::kernel::Kernels;
 use super::offsets::ROOT_HALF_LOG2_E;
-use crate::closing::{BOX, Distances, Slabs, Spread};
+use crate::closing::{BOX, Distances, Slabs, Spread, share_before, share_of_box};
 use crate::simd::*;
 use crate::tile::{HALF_BLOCK, Tile};
 
@@ -24,10 +24,12 @@ pub(crate) struct SlabColumns {
     normal_part: Column,
     /// Boxes that touch no more than two slabs: shared out between the first and the next.
     pub(crate) narrow: u64,
-    /// Those of them of optical depths of which all pixels see the same shares.
-    pub(crate) level: u64,
-    /// What these have in their two slabs where w = e^{−r/2} is 1.
-    in_slabs: [Heap; 2],
+    /// Records that touch three slabs.
+    in_three: u64,
+    /// Those of optical depths that touch two slabs, and three, of which all pixels see the same shares.
+    level: [u64; 2],
+    /// What these have in their slabs where w = e^{−r/2} is 1.
+    in_slabs: [Heap; 3],
     /// Pieces that begin, and that end, their records.
     begin: u64,
     end: u64,
@@ -64,8 +66,9 @@ impl SlabColumns {
         half: [0.0; BATCH],
         normal_part: [0.0; BATCH],
         narrow: 0,
-        level: 0,
-        in_slabs: [Heap::NONE; 2],
+        in_three: 0,
+        level: [0; 2],
+        in_slabs: [Heap::NONE; 3],
         begin: 0,
         end: 0,
     };
@@ -73,18 +76,19 @@ impl SlabColumns {
     /// Takes in records as a whole that reach from their first to their last slabs; false if one touches more than `most`.
     #[inline(always)]
     pub(crate) fn set_whole<S: Simd>(&mut self, simd: S, [firsts, lasts]: &[Column; 2], most: u32) -> bool {
-        let (one, most) = (W::simd_from(simd, 1.0), W::simd_from(simd, most as f32));
-        let (mut narrow, mut wide) = (0, 0);
+        let [one, two, most] = [1.0, 2.0, most as f32].map(|count| W::simd_from(simd, count));
+        let (mut narrow, mut in_three, mut wide) = (0, 0, 0);
         for start in (0..BATCH).step_by(16) {
             let (first, last) = (sixteen(simd, firsts, start), sixteen(simd, lasts, start));
             // Numbers of slabs are whole and exact.
             let reach = last - first;
             narrow |= reach.simd_le(one).to_bitmask() << start;
+            in_three |= reach.simd_eq(two).to_bitmask() << start;
             wide |= reach.simd_ge(most).to_bitmask();
             first.to_int::<u32x16<S>>().store_slice(&mut self.first[start..start + 16]);
             last.to_int::<u32x16<S>>().store_slice(&mut self.last[start..start + 16]);
         }
-        (self.narrow, self.begin, self.end) = (narrow, u64::MAX, u64::MAX);
+        (self.narrow, self.in_three, self.begin, self.end) = (narrow, in_three, u64::MAX, u64::MAX);
         wide == 0
     }
 
@@ -92,14 +96,16 @@ impl SlabColumns {
     #[inline(always)]
     pub(crate) fn set(&mut self, number: usize, [first, last]: [u32; 2], [begin, end]: [bool; 2]) {
         let number = number % BATCH;
-        let is_narrow = begin && end && last <= first + 1;
-        self.narrow = self.narrow & !(1 << number) | u64::from(is_narrow) << number;
+        let is_whole = begin && end;
+        let put = |set: u64, is_in: bool| set & !(1 << number) | u64::from(is_in) << number;
+        self.narrow = put(self.narrow, is_whole && last <= first + 1);
+        self.in_three = put(self.in_three, is_whole && last == first + 2);
         (self.first[number], self.last[number]) = (first, last);
-        self.begin = self.begin & !(1 << number) | u64::from(begin) << number;
-        self.end = self.end & !(1 << number) | u64::from(end) << number;
+        self.begin = put(self.begin, begin);
+        self.end = put(self.end, end);
     }
 
-    /// What a level kernel has in its first slab, or in the next.
+    /// What a level kernel has in its first slab, or in one of the next two.
     #[inline(always)]
     pub(crate) fn grain(&self, number: usize, slab: usize) -> Grain {
         let Heap { optical_depth, color: [red, green, blue], depth } = &self.in_slabs[slab];
@@ -185,39 +191,52 @@ impl Kernels {
         let y = (slope[1] - b * x) * reciprocal(simd, c);
         let deviation = x.mul_add(x, y * y).sqrt() * ROOT_HALF_LOG2_E;
         let amplitude = sixteen(simd, &self.amplitude, first);
-        let level = slabs.are_level(simd, [deviation, inverse], amplitude).to_bitmask() << first;
+        let level = slabs.are_level(simd, (deviation, inverse, normal_part), amplitude).to_bitmask() << first;
         self.prepare_level(simd, slabs, (first, level));
     }
 
-    /// Finds what level kernels among sixteen records have in their two slabs.
+    /// Finds what level kernels among sixteen records have in their slabs.
     #[inline(always)]
     fn prepare_level<S: Simd>(&mut self, simd: S, slabs: &Slabs, (first, level): (usize, u64)) {
         let own = 0xffff << first;
-        let level = level & self.slabs.narrow & !self.opacities & !self.outlines.exact & own;
-        self.slabs.level = self.slabs.level & !own | level;
+        let SlabColumns { narrow, in_three, .. } = self.slabs;
+        let level = level & (narrow | in_three) & !self.opacities & !self.outlines.exact & own;
+        let by_count = [level & narrow, level & in_three];
+        for (all, level) in self.slabs.level.iter_mut().zip(by_count) {
+            *all = *all & !own | level;
+        }
         if level == 0 {
             return;
         }
-        let mut planes = [0.0; 16];
-        for (plane, slab) in planes.iter_mut().zip(&self.slabs.first[first..]) {
-            *plane = slabs.begin(slab + 1);
+        let mut ends = [0.0; 16];
+        for (end, slab) in ends.iter_mut().zip(&self.slabs.first[first..]) {
+            *end = slabs.begin(slab + 1);
         }
-        let (plane, thickness) = (W::simd_from(simd, planes), slabs.thickness());
+        let (end_of_first, thickness) = (W::simd_from(simd, ends), slabs.thickness());
         let (distance, inverse) =
             (sixteen(simd, &self.slabs.distance, first), sixteen(simd, &self.slabs.inverse, first));
         let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
         let amplitude = sixteen(simd, &self.amplitude, first);
-        let share =
-            ((plane - distance) * inverse).mul_add(W::simd_from(simd, 1.0 / BOX), W::simd_from(simd, 0.5));
-        let nearer = amplitude * share.max(zero).min(one);
+        let normal_part = sixteen(simd, &self.slabs.normal_part, first);
+        let are_boxes = by_count[1] == 0;
         // The mean z of what is in a slab is that of a box with the σ of the spread.
         let half = W::simd_from(simd, 0.5 * BOX) / inverse;
         let per_distance =
             sixteen(simd, &self.outlines.depth, first) * 0.5 / distance.max(W::simd_from(simd, 1e-20));
         let colors = sixteen_of(simd, &self.color, first);
-        let parts = [(nearer, plane - thickness), (amplitude - nearer, plane)];
-        for (heap, (optical_depth, begin)) in self.slabs.in_slabs.iter_mut().zip(parts) {
+        let (mut begin, mut passed) = (end_of_first - thickness, zero);
+        let is_last = [narrow, in_three].each(
+            #[inline(always)]
+            |set| mask32x16::from_bitmask(simd, set >> first),
+        );
+        let count = if are_boxes { 2 } else { 3 };
+        for (slab, heap) in self.slabs.in_slabs[..count].iter_mut().enumerate() {
             let end = begin + thickness;
+            // The last slab gets what is left.
+            let x = (end - distance) * inverse;
+            let until = if are_boxes { share_of_box(simd, x) } else { share_before(simd, x, normal_part) };
+            let until = slab.checked_sub(1).map_or(until, |slab| is_last[slab].select(one, until));
+            let optical_depth = amplitude * (until - passed).max(zero);
             let ends = (distance - half).max(begin).min(end) + (distance + half).max(begin).min(end);
             let range = first..first + 16;
             optical_depth.store_slice(&mut heap.optical_depth[range.clone()]);
@@ -225,6 +244,7 @@ impl Kernels {
             for (column, color) in heap.color.iter_mut().zip(colors) {
                 (optical_depth * color).store_slice(&mut column[range.clone()]);
             }
+            (begin, passed) = (end, until);
         }
     }
 
@@ -234,10 +254,10 @@ impl Kernels {
         self.weight(simd, number, self.outlines.offsets(simd, number, pixels).exponent)
     }
 
-    /// Level kernels whose z at pixels is one, too.
+    /// Level kernels that touch two slabs, and three; where depth is asked for those whose z at pixels is one, too.
     #[inline(always)]
-    pub(crate) fn level_points(&self) -> u64 {
-        self.slabs.level & self.outlines.points
+    pub(crate) fn level<const DEPTH: bool>(&self) -> [u64; 2] {
+        self.slabs.level.map(|level| if DEPTH { level & self.outlines.points } else { level })
     }
 
     /// The optical depth of a plain kernel that is spread as a box at pixels, and its share before a distance.

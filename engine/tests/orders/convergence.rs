@@ -38,13 +38,13 @@ fn slabs_of_a_smooth_volume_converge_with_the_square_of_their_thickness() {
 fn slabs_of_a_smooth_volume_are_ahead_of_sorted_centers() {
     for extinction in [1.0, 10.0] {
         let clouds = [haze(14, 0.16, extinction)];
-        let thicknesses = [2.45, 2.0, 1.0];
+        let thicknesses = [2.45, 2.0, 1.5, 1.0];
         let (centers, found) = errors(&clouds, &view(), &thicknesses);
         println!(
             "extinction {extinction}: centers {centers:.2e}, slabs of {thicknesses:?} {}",
             listed(&found)
         );
-        for (bound, error) in [0.7, 1.0 / 8.0, 1.0 / 50.0].into_iter().zip(found) {
+        for (bound, error) in [0.7, 1.0 / 8.0, 1.0 / 40.0, 1.0 / 50.0].into_iter().zip(found) {
             assert!(error <= bound * centers, "{error} is not {bound} of {centers}");
         }
     }
@@ -57,7 +57,7 @@ fn slabs_of_any_thickness_up_to_two_are_the_integral() {
     let camera = looking_from(DVec3::new(1.0, 2.0, -20.0), 24);
     let r1 = truth(&clouds, &camera, &ordered(SLABS));
     let mut wrong = Vec::new();
-    for thickness in [0.1, 0.2, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0] {
+    for thickness in [0.1, 0.2, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.8, 1.0, 1.3, 1.5, 1.6, 2.0] {
         for footprint in [FootprintForm::Affine, FootprintForm::Auto, FootprintForm::Exact] {
             let settings = RenderSettings { footprint, ..ordered(Order::Slabs { thickness }) };
             let found = apart(&draw(clouds.to_vec(), &camera, &settings), &r1).max_error;

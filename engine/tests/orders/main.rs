@@ -16,8 +16,8 @@ mod turning;
 
 use glam::{DVec3, Mat3, Vec3};
 use oblate_engine::{
-    Camera, Cloud, FootprintForm, Frame, Material, Metrics, OpacityFilter, Order, Pixels, ReferenceKind,
-    RenderSettings, Scene, Shapes, Splats, Strength, compare, reference,
+    Camera, Channels, Cloud, FootprintForm, Frame, Material, Metrics, OpacityFilter, Order, Pixels,
+    ReferenceKind, RenderSettings, Scene, Shapes, Splats, Strength, compare, reference,
 };
 use scenes::{draw, fog, unshaded};
 

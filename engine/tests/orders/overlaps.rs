@@ -43,6 +43,33 @@ fn reversed(cloud: &Cloud) -> Cloud {
 }
 
 #[test]
+fn what_all_pixels_share_out_alike_is_as_if_each_did_it_by_itself() {
+    // Round kernels are equally far at all pixels of parallel rays: one number a slab does. With depths it is found pixel by pixel.
+    let clouds = [haze(12, 0.7, 1.0).transformed(scenes::tilted(10.0, DVec3::ZERO))];
+    let camera = parallel(64);
+    for thickness in [2.45, 2.0, 1.86, 1.7, 1.6, 1.5, 1.2, 0.8] {
+        let settings = RenderSettings {
+            footprint: FootprintForm::Affine,
+            channels: Channels::Color,
+            // Which is for colours alone.
+            interpolation: false,
+            ..ordered(Order::Slabs { thickness })
+        };
+        let alike = draw(clouds.to_vec(), &camera, &settings);
+        let apart_from = |other: &Frame| apart(&alike, other).max_error;
+        let by_pixel = RenderSettings { channels: Channels::All, ..settings };
+        let found = apart_from(&draw(clouds.to_vec(), &camera, &by_pixel));
+        // Roundings of sums of a hundred kernels.
+        assert!(found <= 2e-5, "slabs of {thickness}: {found:e}");
+        let thicker = RenderSettings { order: Order::Slabs { thickness: 3.0 }, ..settings };
+        assert!(
+            apart_from(&draw(clouds.to_vec(), &camera, &thicker)) > 1e-3,
+            "slabs of {thickness} don't show"
+        );
+    }
+}
+
+#[test]
 fn interpenetrating_kernels_are_the_integral_in_thin_slabs() {
     let eye = DVec3::new(1.0, 2.0, -20.0);
     let camera = scenes::looking_from(eye, 24);
