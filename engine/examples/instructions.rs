@@ -99,6 +99,7 @@ fn main() {
         "mixed" => (vec![grid(), ball()], affine),
         "window" => (vec![splats(false)], ordered(Order::PerPixel)),
         "slabs" => (vec![grid()], ordered(Order::Slabs { thickness: 2.0 })),
+        "slabs-by-threes" => (vec![grid()], ordered(Order::Slabs { thickness: 1.5 })),
         "thin-slabs" => (vec![grid()], ordered(Order::Slabs { thickness: 1.0 })),
         "lattice" => {
             // A wider filter makes kernels wide enough.
