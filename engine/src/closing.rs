@@ -91,7 +91,8 @@ const NORMAL_REACH: f32 = 3.5;
 /// with an optical depth of 4 are off by 0.010 with 2.4 and by 0.003 with 2.8.
 pub(crate) const SLAB_REACH: f32 = 2.8;
 
-/// Kernels that reach as many slabs to either side, or fewer, touch three of them: in slabs of 1.5σ all do.
+/// What reaches farther than a slab to either side, but no farther than as many, ends after one, and touches three: where samples are alike
+/// all kernels do in slabs of 1.5σ. Two kernels at the worst place are off by two to four times as much, in half the time.
 const ENDS_AT_THREE: f32 = 1.6;
 
 /// The width of a box with σ = 1.
@@ -125,10 +126,6 @@ pub(crate) fn share_before<S: Simd, F: Floats<S>>(simd: S, x: F, normal_part: F)
 /// See [`Slabs::are_level`]; in tolerances, for optical depths from a tenth up, and for smaller ones that times a tenth over them.
 const LEVEL: f32 = 2.5;
 const LEAST_STEEP: f32 = 0.1;
-
-/// By how much the shares of a normal distribution change a σ before both of the planes between three slabs together, at most:
-/// 2φ(0.95), in slabs of 1.5σ in the middle of one.
-const STEEPNESS: f32 = 0.51;
 
 /// Slabs go by the clouds with the smallest kernels, down to this share of the largest: a kernel that touches ten thousand slabs
 /// would take as long as a thousand that touch one or two each.
@@ -307,8 +304,8 @@ impl Slabs {
     }
 
     /// How far to either side kernels are in slabs, from how far their densest points are from the centre at most. A
-    /// box that reaches a little over half a slab ends there, so that it touches two slabs, and not now and then three; what reaches a little
-    /// over a slab ends there, so that it touches three. The last slabs get what is beyond them.
+    /// box that reaches a little over half a slab ends there, so that it touches two slabs, and not now and then three; what reaches up to
+    /// [`ENDS_AT_THREE`] slabs ends after one. The last slabs get what is beyond them.
     #[inline(always)]
     fn half<S: Simd, F: Floats<S>>(&self, simd: S, sigma: F, reach: F) -> F {
         let Spread { half, normal_part, .. } = self.spread(simd, sigma);
@@ -322,8 +319,8 @@ impl Slabs {
         (is_box & all.simd_le(most_of_half)).select(all.min(half), all)
     }
 
-    /// Which kernels are shared out alike at all their pixels: those whose share before a plane has a small standard deviation over the
-    /// footprint, as it follows from that of their distances and from 1/σ of their spread.
+    /// Which kernels are shared out alike at all their pixels: those whose shares before all planes between their slabs, `planes` of them,
+    /// have a small standard deviation over the footprint, as it follows from that of their distances. A box's share is the steepest.
     ///
     /// 0.8 times that part of a kernel, of either sign, then lies in the neighbouring slab: of its optical depth at most a fifth of the
     /// tolerance, or 2 % where it is above a tenth. A slab shows that by its own optical depth, and what its kernels move to and fro cancels
@@ -332,13 +329,11 @@ impl Slabs {
     pub(crate) fn are_level<S: Simd, F: Floats<S>>(
         &self,
         simd: S,
-        (deviation, inverse, normal_part): (F, F, F),
+        (deviation, inverse, planes): (F, F, F),
         optical_depth: F,
     ) -> F::Mask {
         let weight = (optical_depth * (1.0 / LEAST_STEEP)).min(F::simd_from(simd, 1.0));
-        let steepness =
-            normal_part.mul_add(F::simd_from(simd, STEEPNESS - 1.0 / BOX), F::simd_from(simd, 1.0 / BOX));
-        (deviation * inverse * steepness * weight).simd_le(F::simd_from(simd, self.level))
+        (deviation * inverse * planes * weight).simd_le(F::simd_from(simd, self.level * BOX))
     }
 
     /// How far a slab begins.
@@ -402,9 +397,7 @@ mod tests {
     fn share(slabs: &Slabs, sigma: f32, x: f32) -> f64 {
         dispatch!(Level::Baseline, simd => {
             let Spread { inverse, normal_part, .. } = slabs.spread(simd, splat(simd, sigma));
-            let x = inverse * x;
-            let (of_box, of_normal) = (share_of_box(simd, x), share_of_normal(simd, x));
-            f64::from(((of_normal - of_box) * normal_part + of_box).reduce_max())
+            f64::from(share_before(simd, inverse * x, normal_part).reduce_max())
         })
     }
 
@@ -459,8 +452,8 @@ mod tests {
             assert!(first <= last && first.fract() == 0.0 && last.fract() == 0.0);
             let before = share(slabs, sigma as f32, slabs.begin(first as u32) - distance as f32);
             let until = share(slabs, sigma as f32, slabs.begin(last as u32 + 1) - distance as f32);
-            // A normal distribution is within 2.4 σ but for 0.8 % on either side; a box wider than a slab, by 22 %
-            // at most, may end before it.
+            // A normal distribution that ends after three slabs lacks 4 % on either side at most; a box wider than a slab, by
+            // 22 % at most, may end before it.
             assert!(before < 0.1 && until > 0.9, "{distance}, {sigma}: {before}, {until}");
             // Slabs are 0.5 thick: 1.85σ, and 1.5σ.
             assert!(sigma > 0.27 || last <= first + 1.0, "{distance}, {sigma}: from {first} to {last}");

@@ -1,7 +1,7 @@
 //! Closing slab by slab: optical depths, and colours times these, are summed up in any order.
 //!
-//! The first two open slabs are in registers while kernels come that touch no others; for those that touch more, all are in
-//! memory.
+//! The first two open slabs are in registers while kernels come that touch no others, and a third while level ones come that touch three;
+//! for all else, they are in memory.
 
 use super::before;
 use super::opening::{Fragment, Opening, Plain};
@@ -70,11 +70,19 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
             rest ^= set;
             if set != 0 {
                 // A function of its own takes no registers from the other ways.
-                let copy = *self;
+                let mut copy = *self;
                 *self = apart(
                     simd,
                     #[inline(always)]
-                    || copy.add_wide::<DEPTH>(simd, (Plain { set, ..plain }, in_three != 0), slabs, open),
+                    || {
+                        let plain = Plain { set, ..plain };
+                        if in_three != 0 {
+                            copy.add_level::<DEPTH, true>(simd, plain, slabs, open);
+                        } else {
+                            copy.add_wide::<DEPTH>(simd, plain, slabs, open);
+                        }
+                        copy
+                    },
                 );
             }
         }
@@ -242,19 +250,15 @@ impl<S: Simd> Slabbed<S> {
         self.near[1].add::<DEPTH>(simd, (matter.optical_depth - nearer, depths[1]), color);
     }
 
-    /// Adds plain kernels that may touch more than two slabs: all of them level ones that touch three, or any.
+    /// Adds any plain kernels.
     #[inline(always)]
     fn add_wide<const DEPTH: bool>(
-        mut self,
+        &mut self,
         simd: S,
-        (mut plain, are_level): (Plain<S>, bool),
+        mut plain: Plain<S>,
         slabs: &Slabs,
         open: &mut OpenSlabs,
-    ) -> Self {
-        if are_level {
-            self.add_level::<DEPTH, true>(simd, plain, slabs, open);
-            return self;
-        }
+    ) {
         self.store_near(open);
         let Plain { kernels, pixels, corner, .. } = plain;
         while let Some(number) = plain.next() {
@@ -269,7 +273,6 @@ impl<S: Simd> Slabbed<S> {
             open.add::<S, DEPTH>(simd, (kernels, number, range), matter, slabs);
         }
         self.load_near(simd, open);
-        self
     }
 
     /// Adds plain kernels to the sheets of their centres.

@@ -1,6 +1,6 @@
 //! How a kernel, or what surfaces leave of it, is spread over slabs.
 
-use crate::closing::{BOX, share_of_box, share_of_normal};
+use crate::closing::{self, BOX, share_of_box, share_of_normal};
 use crate::raster::SlabShare;
 use crate::simd::*;
 
@@ -87,9 +87,8 @@ fn share_before<S: Simd>(simd: S, x: W<S>, normal_part: f32) -> W<S> {
     if normal_part == 1.0 {
         return share_of_normal(simd, x);
     }
-    let of_box = share_of_box(simd, x);
     if normal_part == 0.0 {
-        return of_box;
+        return share_of_box(simd, x);
     }
-    (share_of_normal(simd, x) - of_box).mul_add(W::simd_from(simd, normal_part), of_box)
+    closing::share_before(simd, x, W::simd_from(simd, normal_part))
 }

@@ -24,7 +24,7 @@ pub(crate) struct SlabColumns {
     normal_part: Column,
     /// Boxes that touch no more than two slabs: shared out between the first and the next.
     pub(crate) narrow: u64,
-    /// Records that touch three slabs.
+    /// Whole records that touch three slabs.
     in_three: u64,
     /// Those of optical depths that touch two slabs, and three, of which all pixels see the same shares.
     level: [u64; 2],
@@ -76,7 +76,10 @@ impl SlabColumns {
     /// Takes in records as a whole that reach from their first to their last slabs; false if one touches more than `most`.
     #[inline(always)]
     pub(crate) fn set_whole<S: Simd>(&mut self, simd: S, [firsts, lasts]: &[Column; 2], most: u32) -> bool {
-        let [one, two, most] = [1.0, 2.0, most as f32].map(|count| W::simd_from(simd, count));
+        let [one, two, most] = [1.0, 2.0, most as f32].each(
+            #[inline(always)]
+            |count| W::simd_from(simd, count),
+        );
         let (mut narrow, mut in_three, mut wide) = (0, 0, 0);
         for start in (0..BATCH).step_by(16) {
             let (first, last) = (sixteen(simd, firsts, start), sixteen(simd, lasts, start));
@@ -191,7 +194,9 @@ impl Kernels {
         let y = (slope[1] - b * x) * reciprocal(simd, c);
         let deviation = x.mul_add(x, y * y).sqrt() * ROOT_HALF_LOG2_E;
         let amplitude = sixteen(simd, &self.amplitude, first);
-        let level = slabs.are_level(simd, (deviation, inverse, normal_part), amplitude).to_bitmask() << first;
+        let narrow = mask32x16::from_bitmask(simd, *narrow >> first);
+        let planes = narrow.select(W::simd_from(simd, 1.0), W::simd_from(simd, 2.0));
+        let level = slabs.are_level(simd, (deviation, inverse, planes), amplitude).to_bitmask() << first;
         self.prepare_level(simd, slabs, (first, level));
     }
 
@@ -225,7 +230,7 @@ impl Kernels {
             sixteen(simd, &self.outlines.depth, first) * 0.5 / distance.max(W::simd_from(simd, 1e-20));
         let colors = sixteen_of(simd, &self.color, first);
         let (mut begin, mut passed) = (end_of_first - thickness, zero);
-        let is_last = [narrow, in_three].each(
+        let is_last = [0, narrow, in_three].each(
             #[inline(always)]
             |set| mask32x16::from_bitmask(simd, set >> first),
         );
@@ -235,7 +240,7 @@ impl Kernels {
             // The last slab gets what is left.
             let x = (end - distance) * inverse;
             let until = if are_boxes { share_of_box(simd, x) } else { share_before(simd, x, normal_part) };
-            let until = slab.checked_sub(1).map_or(until, |slab| is_last[slab].select(one, until));
+            let until = is_last[slab].select(one, until);
             let optical_depth = amplitude * (until - passed).max(zero);
             let ends = (distance - half).max(begin).min(end) + (distance + half).max(begin).min(end);
             let range = first..first + 16;

@@ -45,13 +45,15 @@ fn reversed(cloud: &Cloud) -> Cloud {
 #[test]
 fn what_all_pixels_share_out_alike_is_as_if_each_did_it_by_itself() {
     // Round kernels are equally far at all pixels of parallel rays: one number a slab does. With depths it is found pixel by pixel.
-    let clouds = [haze(12, 0.7, 1.0).transformed(scenes::tilted(10.0, DVec3::ZERO))];
+    // Of three sizes, they touch from two to a dozen slabs, one after the other.
+    let sizes = [haze(12, 0.7, 0.5), haze(9, 0.93, 0.3), haze(6, 1.4, 0.3)];
+    let clouds = sizes.map(|cloud| cloud.transformed(scenes::tilted(10.0, DVec3::ZERO)));
     let camera = parallel(64);
     for thickness in [2.45, 2.0, 1.86, 1.7, 1.6, 1.5, 1.2, 0.8] {
         let settings = RenderSettings {
             footprint: FootprintForm::Affine,
             channels: Channels::Color,
-            // Which is for colours alone.
+            // Interpolation is for colours alone.
             interpolation: false,
             ..ordered(Order::Slabs { thickness })
         };
