@@ -69,7 +69,7 @@ const WAYS: [(Order, FootprintForm); 13] = [
 const FINE: Order = slabs(0.5);
 
 /// In σ, about the thinnest slabs of which kernels touch two, as boxes (v ≤ 1.5/12 in [`crate::closing`]'s terms), where a volume's samples
-/// are all alike; in those of 1.5σ they touch three, which takes a quarter longer.
+/// are all alike; in those of 1.5σ they touch three, which takes a fifth to a third longer.
 const BOXED: f64 = 1.86;
 
 /// Sorted centres instead where there are opacities, which are defined by their order, or several clouds of kernels: of two that overlap
