@@ -1,7 +1,7 @@
 //! From a depth image to its picture from elsewhere: a room of 640×480 pixels.
 //!
 //! `cargo bench --bench warp` on two threads. `whole` is surfels and picture, as for a video; what is kept from one image to the
-//! next is memory: the renderer's and the cloud's. `anew` is the same with another cloud for each image. Then both by themselves, the stages of drawing (of those that tiles go through the share of one
+//! next is memory: the renderer's, the sampler's and the cloud's. `anew` is the same with another cloud for each image. Then both by themselves, the stages of drawing (of those that tiles go through the share of one
 //! thread), and in the same run what others do with depth images, each on one thread.
 
 #[path = "../src/stats.rs"]
@@ -12,7 +12,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use oblate::chart::baselines::{mcmillan, nearest, softmax, supersampled, triangles};
 use oblate::engine::{Blend, Camera, Channels, RenderSettings, Renderer, Scene, Stage};
 use oblate::surfels::{
-    DEPTH_LOW_PASS, DepthError, DepthSettings, RgbdImage, Room, depth_surfels, renew_depth_surfels,
+    DEPTH_LOW_PASS, DepthError, DepthSampler, DepthSettings, RgbdImage, Room, depth_surfels,
 };
 use rayon::ThreadPoolBuilder;
 use stats::{FrameTimes, StageClock};
@@ -59,10 +59,12 @@ fn warp(criterion: &mut Criterion) {
         bencher.iter(|| pool.install(|| draw(&mut renderer, &scene(&image), &view)));
     });
     group.bench_function("whole", |bencher| {
-        let mut kept = made.clone();
+        let (mut sampler, mut kept) = (DepthSampler::default(), made.clone());
         bencher.iter(|| {
             pool.install(|| {
-                renew_depth_surfels(&mut kept.clouds[0], &image, &DepthSettings::default())
+                let images = std::slice::from_ref(&image);
+                sampler
+                    .sample(&mut kept.clouds, images, &view, &DepthSettings::default())
                     .expect("the room has depths");
                 draw(&mut renderer, &kept, &view)
             })

@@ -1,9 +1,13 @@
 //! Clouds of surfels that are made one after the other, without arrays in between.
 
+mod places;
+
 use crate::closed::Closed;
 use crate::cloud::{Cloud, CloudError, Material, check_material, check_names, check_surface, wrong};
 use crate::columns::{BLOCKS_A_TASK, Column, Columns, Factors, Kind, LANES, Lanes, Repeated, SurfaceKind};
 use glam::{Mat3, Vec3};
+use places::Rows;
+pub use places::{SurfelPlaces, SurfelRows};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -37,20 +41,17 @@ pub struct SurfelLook {
     pub material: Material,
 }
 
-/// Surfels that a thread makes at a time.
-const TOGETHER: usize = BLOCKS_A_TASK * LANES;
-
 impl Cloud {
     /// The cloud of `count` surfels in one look, each of which is lit by the normal of its shape: equal to that of
-    /// [`Cloud::new`] of arrays without normals, in a fraction of the time. `surfels` gives those with the numbers of a range,
-    /// in order, and is asked by several threads at once, for each range once.
+    /// [`Cloud::new`] of arrays without normals, in a fraction of the time. `surfels` puts those with the numbers of a range in their
+    /// places, in order, and is asked by several threads at once, for each range once.
     ///
     /// # Errors
     /// Those of [`Cloud::new`], and when a range has fewer surfels than numbers.
-    pub fn of_surfels<I: Iterator<Item = Surfel>>(
+    pub fn of_surfels(
         count: usize,
         look: &SurfelLook,
-        surfels: impl Fn(Range<usize>) -> I + Sync,
+        surfels: impl Fn(Range<usize>, &mut SurfelPlaces) + Sync,
     ) -> Result<Self, CloudError> {
         let mut cloud = Self::default();
         cloud.renew(count, look, surfels)?;
@@ -62,22 +63,21 @@ impl Cloud {
     ///
     /// # Errors
     /// Those of [`Cloud::of_surfels`]. Then it is empty.
-    pub fn renew<I: Iterator<Item = Surfel>>(
+    pub fn renew(
         &mut self,
         count: usize,
         look: &SurfelLook,
-        surfels: impl Fn(Range<usize>) -> I + Sync,
+        surfels: impl Fn(Range<usize>, &mut SurfelPlaces) + Sync,
     ) -> Result<(), CloudError> {
         let old = std::mem::take(self);
         check_names(count)?;
         look.check()?;
         let mut rows = Rows::in_memory_of(old.into_columns(), count.div_ceil(LANES), look.color.is_none());
-        let fill = |(task, mut rows): (usize, RowsMut)| {
-            let numbers = task * TOGETHER..count.min((task + 1) * TOGETHER);
-            rows.fill(surfels(numbers.clone()).take(numbers.len()), numbers)
+        let fill = |(numbers, mut places): (Range<usize>, SurfelPlaces)| {
+            surfels(numbers.clone(), &mut places);
+            places.finish(numbers)
         };
-        let filled: Vec<Result<Option<Vec<[Lanes; 3]>>, CloudError>> =
-            rows.tasks().enumerate().map(fill).collect();
+        let filled: Vec<Result<Option<Vec<[Lanes; 3]>>, CloudError>> = rows.tasks(count).map(fill).collect();
         let through = filled.into_iter().collect::<Result<Vec<_>, _>>()?;
         let Rows { centers, flat, areas, colors } = rows;
         let SurfelLook { color, opacity, depth_tolerance, coverage_floor, ref closed, material } = *look;
@@ -152,147 +152,9 @@ impl Surfel {
     }
 }
 
-/// The numbers of surfels, in blocks.
-struct Rows {
-    centers: Vec<[Lanes; 3]>,
-    flat: Vec<[Lanes; 6]>,
-    areas: Vec<[Lanes; 1]>,
-    /// Empty where all have one.
-    colors: Vec<[Lanes; 3]>,
-}
-
-/// Those of a task.
-struct RowsMut<'a> {
-    centers: &'a mut [[Lanes; 3]],
-    flat: &'a mut [[Lanes; 6]],
-    areas: &'a mut [[Lanes; 1]],
-    colors: &'a mut [[Lanes; 3]],
-}
-
-impl Rows {
-    /// Room for blocks of surfels, old numbers in it.
-    fn in_memory_of(columns: Columns, blocks: usize, has_colors: bool) -> Self {
-        let Columns { centers, factors, strengths, colors, .. } = columns;
-        let flat = match factors {
-            Factors::Each { flat, .. } => flat,
-            Factors::Shared(_) => Column::default(),
-        };
-        let has = |has_any: bool| if has_any { blocks } else { 0 };
-        Self {
-            centers: room(centers, blocks),
-            flat: room(flat, blocks),
-            areas: room(strengths.into_each(), blocks),
-            colors: room(colors.into_each(), has(has_colors)),
-        }
-    }
-
-    fn tasks(&mut self) -> impl IndexedParallelIterator<Item = RowsMut<'_>> {
-        let Self { centers, flat, areas, colors } = self;
-        let tasks = centers.len().div_ceil(BLOCKS_A_TASK);
-        let mut colors: Vec<&mut [[Lanes; 3]]> = colors.chunks_mut(BLOCKS_A_TASK).collect();
-        colors.resize_with(tasks, Default::default);
-        let places = centers.par_chunks_mut(BLOCKS_A_TASK).zip(areas.par_chunks_mut(BLOCKS_A_TASK));
-        places
-            .zip(flat.par_chunks_mut(BLOCKS_A_TASK))
-            .zip(colors)
-            .map(|(((centers, areas), flat), colors)| RowsMut { centers, flat, areas, colors })
-    }
-}
-
-/// As many blocks, in the memory of a column if there is enough. Else they come as zeros, which systems give for nothing: each place is
-/// touched once, by the thread that fills it.
-fn room<const N: usize>(column: Column<N>, blocks: usize) -> Vec<[Lanes; N]> {
-    let mut room = column.into_blocks();
-    if room.capacity() < blocks {
-        return vec![[[0.0; LANES]; N]; blocks];
-    }
-    room.resize(blocks, [[0.0; LANES]; N]);
-    room
-}
-
-impl RowsMut<'_> {
-    /// Puts surfels in their places; gives the third columns of their factors unless all are flat.
-    fn fill(
-        &mut self,
-        surfels: impl Iterator<Item = Surfel>,
-        numbers: Range<usize>,
-    ) -> Result<Option<Vec<[Lanes; 3]>>, CloudError> {
-        let (mut found, mut through) = (0, None);
-        surfels.for_each(|surfel| {
-            self.put(found, &surfel, &mut through);
-            found += 1;
-        });
-        if !self.are_right(through.as_deref()) {
-            (0..found)
-                .try_for_each(|place| self.get(place, through.as_deref()).check(numbers.start + place))?;
-        }
-        if found < numbers.len() {
-            let (found, expected) = (numbers.start + found, numbers.end);
-            return Err(CloudError::Length { array: "surfels", found, expected });
-        }
-        // The last block is filled up with its last splat.
-        if found % LANES != 0 {
-            let last = self.get(found - 1, through.as_deref());
-            (found..found.next_multiple_of(LANES)).for_each(|place| self.put(place, &last, &mut through));
-        }
-        Ok(through)
-    }
-
-    /// Whether nothing is wrong, not even with what was there before.
-    fn are_right(&self, through: Option<&[[Lanes; 3]]>) -> bool {
-        let Self { centers, flat, areas, colors } = self;
-        are_finite(centers)
-            && are_finite(flat)
-            && are_finite(areas)
-            && are_finite(colors)
-            && through.is_none_or(are_finite)
-            && areas.as_flattened().as_flattened().iter().fold(true, |all, area| all & (*area >= 0.0))
-    }
-
-    /// A surfel as it was put in its place; black where all have one colour.
-    fn get(&self, place: usize, through: Option<&[[Lanes; 3]]>) -> Surfel {
-        let (block, lane) = (place / LANES, place % LANES);
-        let [a, b, c, d, e, f] = self.flat[block].map(|row| row[lane]);
-        let [g, h, i] = through.map_or([0.0; 3], |through| through[block].map(|row| row[lane]));
-        Surfel {
-            center: Vec3::from(self.centers[block].map(|row| row[lane])),
-            factor: Mat3::from_cols_array(&[a, b, c, d, e, f, g, h, i]),
-            area: self.areas[block][0][lane],
-            color: self.colors.get(block).map_or([0.0; 3], |color| color.map(|row| row[lane])),
-        }
-    }
-
-    #[inline(always)]
-    fn put(&mut self, place: usize, surfel: &Surfel, through: &mut Option<Vec<[Lanes; 3]>>) {
-        let (block, lane) = (place / LANES, place % LANES);
-        let Surfel { center, factor, area, color } = surfel;
-        let [a, b, c, d, e, f, third @ ..] = factor.to_cols_array();
-        set(&mut self.centers[block], lane, center.to_array());
-        set(&mut self.areas[block], lane, [*area]);
-        set(&mut self.flat[block], lane, [a, b, c, d, e, f]);
-        if !self.colors.is_empty() {
-            set(&mut self.colors[block], lane, *color);
-        }
-        if third != [0.0; 3] {
-            let through = through.get_or_insert_with(|| vec![[[0.0; LANES]; 3]; self.centers.len()]);
-            set(&mut through[block], lane, third);
-        }
-    }
-}
-
-fn are_finite<const N: usize>(blocks: &[[Lanes; N]]) -> bool {
-    blocks.as_flattened().as_flattened().iter().fold(true, |all, number| all & number.is_finite())
-}
-
-#[inline(always)]
-fn set<const N: usize>(rows: &mut [Lanes; N], lane: usize, numbers: [f32; N]) {
-    for (row, number) in rows.iter_mut().zip(numbers) {
-        row[lane % LANES] = number;
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::places::TOGETHER;
     use super::*;
     use crate::cloud::{Shapes, Splats, Strength, Surface};
     use glam::{DAffine3, DVec3};
@@ -305,6 +167,31 @@ mod tests {
         closed: Closed::EVERYWHERE,
         material: Material::UNLIT,
     };
+
+    /// Puts those with the numbers of a range, as many at a time as one wouldn't think.
+    fn put(places: &mut SurfelPlaces, numbers: Range<usize>, surfel: impl Fn(usize) -> Surfel) {
+        let mut lens = [1, 7, 8, 3, 64, 21].into_iter().cycle();
+        let mut all = numbers.map(surfel);
+        loop {
+            let some: Vec<Surfel> = all.by_ref().take(lens.next().unwrap()).collect();
+            if some.is_empty() {
+                break;
+            }
+            let row = |number: fn(&Surfel) -> f32| some.iter().map(number).collect::<Vec<f32>>();
+            let factors: [Vec<f32>; 9] =
+                std::array::from_fn(|i| some.iter().map(|surfel| surfel.factor.to_cols_array()[i]).collect());
+            let [a, b, c, d, e, f, through @ ..] = factors.each_ref().map(|row| &row[..]);
+            let centers: [fn(&Surfel) -> f32; 3] = [|s| s.center.x, |s| s.center.y, |s| s.center.z];
+            let colors: [fn(&Surfel) -> f32; 3] = [|s| s.color[0], |s| s.color[1], |s| s.color[2]];
+            places.put(&SurfelRows {
+                centers: centers.map(row).each_ref().map(|row| &row[..]),
+                half_axes: [a, b, c, d, e, f],
+                through: Some(through),
+                areas: &row(|surfel| surfel.area),
+                colors: colors.map(row).each_ref().map(|row| &row[..]),
+            });
+        }
+    }
 
     /// Different ones, flat or not.
     fn surfel(index: usize, thickness: f32) -> Surfel {
@@ -337,7 +224,10 @@ mod tests {
         for count in [0, 1, 7, 8, 9, 16, TOGETHER, 2 * TOGETHER + 3] {
             for thickness in [0.0, 0.25] {
                 for look in [LOOK, SurfelLook { color: None, ..LOOK }] {
-                    let made = Cloud::of_surfels(count, &look, |range| range.map(|i| surfel(i, thickness)));
+                    let surfels = |numbers: Range<usize>, places: &mut SurfelPlaces| {
+                        put(places, numbers, |i| surfel(i, thickness))
+                    };
+                    let made = Cloud::of_surfels(count, &look, surfels);
                     let (made, arrays) = (made.unwrap(), arrays(count, thickness, &look));
                     assert_eq!(made.splats(), arrays, "{count}");
                     assert_eq!(made, Cloud::new(arrays).unwrap(), "{count}");
@@ -360,12 +250,16 @@ mod tests {
                 let clone = is_shared.then(|| (cloud.clone(), cloud.splats()));
                 let look = SurfelLook { color, ..LOOK };
                 cloud = cloud.transformed(DAffine3::from_scale(DVec3::splat(2.0)));
-                cloud.renew(count, &look, |range| range.map(|i| surfel(i, thickness))).unwrap();
+                cloud
+                    .renew(count, &look, |numbers, places| put(places, numbers, |i| surfel(i, thickness)))
+                    .unwrap();
                 assert_eq!(cloud, Cloud::new(arrays(count, thickness, &look)).unwrap(), "{count}");
                 assert!(clone.is_none_or(|(clone, before)| clone.splats() == before), "{count}");
             }
         }
-        let short = |range: Range<usize>| range.skip(1).map(|i| surfel(i, 0.0));
+        let short = |range: Range<usize>, places: &mut SurfelPlaces| {
+            range.skip(1).for_each(|i| places.put_one(&surfel(i, 0.0)));
+        };
         assert!(cloud.renew(TOGETHER, &LOOK, short).is_err());
         assert!(cloud.is_empty());
     }
@@ -374,7 +268,7 @@ mod tests {
     fn only_parts_that_are_not_flat_have_third_columns() {
         let count = 3 * TOGETHER + 3;
         let mixed = |index: usize| surfel(index, if index / TOGETHER == 1 { 0.5 } else { 0.0 });
-        let cloud = Cloud::of_surfels(count, &LOOK, |range| range.map(mixed)).unwrap();
+        let cloud = Cloud::of_surfels(count, &LOOK, |numbers, places| put(places, numbers, mixed)).unwrap();
         (0..count).for_each(|index| assert_eq!(cloud.factor(index), mixed(index).factor, "{index}"));
     }
 
@@ -384,15 +278,14 @@ mod tests {
         let count = 2 * TOGETHER + 3;
         let look = SurfelLook { color: None, ..LOOK };
         let made = |bad: Spoil, at: [usize; 2]| {
-            Cloud::of_surfels(count, &look, move |range| {
-                range.map(move |i| {
-                    let mut surfel = surfel(i, 0.0);
-                    if at.contains(&i) {
-                        bad(&mut surfel);
-                    }
-                    surfel
-                })
-            })
+            let own = |i| {
+                let mut surfel = surfel(i, 0.0);
+                if at.contains(&i) {
+                    bad(&mut surfel);
+                }
+                surfel
+            };
+            Cloud::of_surfels(count, &look, |numbers, places| put(places, numbers, own))
         };
         let cases: [(Spoil, &str); 4] = [
             (|surfel| surfel.center.y = f32::NAN, "centre"),
@@ -407,13 +300,17 @@ mod tests {
                 other => panic!("{name}: {:?}", other.err()),
             }
         }
-        let gray = |range: Range<usize>| range.map(|i| Surfel { color: [f32::NAN; 3], ..surfel(i, 0.0) });
-        assert!(Cloud::of_surfels(count, &LOOK, gray).is_ok(), "their own colours are not used");
-        let short = Cloud::of_surfels(count, &LOOK, |range| range.skip(1).map(|i| surfel(i, 0.0)));
+        let gray = |i| Surfel { color: [f32::NAN; 3], ..surfel(i, 0.0) };
+        let of_gray = Cloud::of_surfels(count, &LOOK, |numbers, places| put(places, numbers, gray));
+        assert!(of_gray.is_ok(), "their own colours are not used");
+        let flat = |i| surfel(i, 0.0);
+        let short = Cloud::of_surfels(count, &LOOK, |numbers, places| {
+            put(places, numbers.start + 1..numbers.end, flat)
+        });
         assert!(matches!(short, Err(CloudError::Length { array: "surfels", .. })));
         let dark = SurfelLook { color: Some([f32::NAN; 3]), ..LOOK };
-        assert!(Cloud::of_surfels(1, &dark, |range| range.map(|i| surfel(i, 0.0))).is_err());
+        assert!(Cloud::of_surfels(1, &dark, |numbers, places| put(places, numbers, flat)).is_err());
         let ghost = SurfelLook { opacity: f32::NAN, ..LOOK };
-        assert!(Cloud::of_surfels(1, &ghost, |range| range.map(|i| surfel(i, 0.0))).is_err());
+        assert!(Cloud::of_surfels(1, &ghost, |numbers, places| put(places, numbers, flat)).is_err());
     }
 }

@@ -14,9 +14,10 @@ use oblate::engine::{
     Blend, Camera, Channels, Frame, Intrinsics, Pose, Projection, RenderSettings, Renderer, Scene,
 };
 use oblate::importers::depth::read_poses;
-use oblate::surfels::{DEPTH_LOW_PASS, DepthSettings, RgbdImage, fill_disocclusions, merged_depth_surfels};
+use oblate::surfels::{DEPTH_LOW_PASS, DepthSampler, DepthSettings, RgbdImage, fill_disocclusions};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Draws photographs with depths as they look from elsewhere: every pixel a surfel as large as it is on the surface that it shows.
 ///
@@ -106,19 +107,20 @@ pub(crate) fn run(args: WarpArgs) -> Result<()> {
     if let [camera] = &cameras[..]
         && args.sequence.is_none()
     {
-        for _ in 0..repeats {
+        for _ in 1..repeats {
             warp.draw(camera)?;
         }
-        output.finish(|file| format.write(&warp.frame, file))?;
+        let frame = warp.draw(camera)?;
+        output.finish(|file| format.write(frame, file))?;
     } else {
         ensure!(format == Format::Png8, "{}: a sequence is written as .png", args.output.display());
         let task = console.task("drawing");
         let size = cameras[0].size();
         let mut frames = cameras.iter().enumerate().map(|(number, camera)| {
-            warp.draw(camera)?;
-            Output::begin(&beside(&args.output, number))?.finish(|file| format.write(&warp.frame, file))?;
+            let frame = warp.draw(camera)?;
+            Output::begin(&beside(&args.output, number))?.finish(|file| format.write(frame, file))?;
             task.at(number as u64 + 1, cameras.len() as u64);
-            Ok(warp.frame.clone())
+            Ok(frame.clone())
         });
         output.finish(|file| write_animation((size, cameras.len(), args.rate), &mut frames, file))?;
     }
@@ -189,13 +191,16 @@ fn beside(path: &Path, number: usize) -> PathBuf {
     path.with_file_name(format!("{stem}-{number:04}.png"))
 }
 
-/// Photographs, drawn from elsewhere.
+/// Photographs, drawn from elsewhere, one picture after the other in the memory of the last.
 struct Warp<'a> {
     images: &'a [RgbdImage],
     fill: bool,
     channels: Channels,
+    sampler: DepthSampler,
+    scene: Scene,
     renderer: Renderer,
-    frame: Frame,
+    /// The picture without holes.
+    whole: Frame,
     surfels: u64,
     holes: u64,
     filled: u64,
@@ -205,11 +210,22 @@ struct Warp<'a> {
 
 impl<'a> Warp<'a> {
     fn new(images: &'a [RgbdImage], fill: bool, channels: Channels) -> Self {
-        let (renderer, frame, times) = (Renderer::new(), Frame::default(), Default::default());
-        Self { images, fill, channels, renderer, frame, surfels: 0, holes: 0, filled: 0, times }
+        Self {
+            images,
+            fill,
+            channels,
+            sampler: DepthSampler::default(),
+            scene: Scene { clouds: Vec::new(), lights: Vec::new() },
+            renderer: Renderer::new(),
+            whole: Frame::default(),
+            surfels: 0,
+            holes: 0,
+            filled: 0,
+            times: Default::default(),
+        }
     }
 
-    fn draw(&mut self, camera: &Camera) -> Result<()> {
+    fn draw(&mut self, camera: &Camera) -> Result<&Frame> {
         let settings = RenderSettings {
             low_pass: DEPTH_LOW_PASS,
             // Photographs are resampled as they are stored.
@@ -218,20 +234,22 @@ impl<'a> Warp<'a> {
             channels: self.channels,
             ..RenderSettings::default()
         };
-        let (clouds, surfels_time) =
-            timed(|| Ok(merged_depth_surfels(self.images, camera, &DepthSettings::default())?))?;
+        let clouds = &mut self.scene.clouds;
+        let ((), surfels_time) =
+            timed(|| Ok(self.sampler.sample(clouds, self.images, camera, &DepthSettings::default())?))?;
         self.surfels = clouds.iter().map(|cloud| cloud.len() as u64).sum();
-        let scene = Scene { clouds, lights: Vec::new() };
-        let (frame, frame_time) =
-            timed(|| Ok(self.renderer.render(&scene, camera, &settings, &())?.clone()))?;
-        self.frame = frame;
-        self.holes = self.frame.color.iter().filter(|pixel| pixel[3] < 0.5).count() as u64;
-        let (filled, fill_time) =
-            timed(|| Ok(if self.fill { fill_disocclusions(&mut self.frame) } else { 0 }))?;
-        self.filled = filled as u64;
+        let (mut frame, frame_time) =
+            timed(|| Ok(self.renderer.render(&self.scene, camera, &settings, &())?))?;
+        self.holes = frame.color.iter().filter(|pixel| pixel[3] < 0.5).count() as u64;
+        let mut fill_time = Duration::ZERO;
+        if self.fill {
+            self.whole.clone_from(frame);
+            let (filled, time) = timed(|| Ok(fill_disocclusions(&mut self.whole)))?;
+            (self.filled, fill_time, frame) = (filled as u64, time, &self.whole);
+        }
         for (times, time) in self.times.iter_mut().zip([surfels_time, frame_time, fill_time]) {
             times.push(milliseconds(time));
         }
-        Ok(())
+        Ok(frame)
     }
 }

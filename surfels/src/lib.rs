@@ -6,7 +6,7 @@
 //! [`sample_seen`] does so for what a camera sees, with cells as wide as pixels near and far.
 //!
 //! [`point_surfels`] makes each point of a scan a surfel, whose plane and area its neighbours tell, [`depth_surfels`] each pixel of an
-//! [`RgbdImage`], and [`renew_depth_surfels`] of one after the other. [`merge_flat`] merges surfels where a surface is flat.
+//! [`RgbdImage`]; [`DepthSampler`] does so of one after the other. [`merge_flat`] merges surfels where a surface is flat.
 //!
 //! ```
 //! use oblate_surfels::{Density, Mesh, SamplerSettings, primitives, sample};
@@ -38,8 +38,8 @@ mod texture;
 mod view;
 
 pub use depth_image::{
-    DEPTH_LOW_PASS, DepthError, DepthKind, DepthSettings, Hit, RgbdImage, Room, depth_surfels,
-    fill_disocclusions, merged_depth_surfels, renew_depth_surfels,
+    DEPTH_LOW_PASS, DepthError, DepthKind, DepthSampler, DepthSettings, Hit, RgbdImage, Room, depth_surfels,
+    fill_disocclusions, merged_depth_surfels,
 };
 pub use error::SampleError;
 pub use flat::{Deviation, MergeError, Merged, merge_flat};

@@ -6,8 +6,8 @@ use oblate_engine::{
     Blend, Camera, Cloud, Frame, Intrinsics, Pose, Projection, RenderSettings, Scene, render,
 };
 use oblate_surfels::{
-    DEPTH_LOW_PASS, DepthError, DepthKind, DepthSettings, RgbdImage, Room, depth_surfels, fill_disocclusions,
-    merged_depth_surfels,
+    DEPTH_LOW_PASS, DepthError, DepthKind, DepthSampler, DepthSettings, RgbdImage, Room, depth_surfels,
+    fill_disocclusions, merged_depth_surfels,
 };
 use proptest::prelude::*;
 
@@ -410,6 +410,32 @@ fn wrong_images_are_refused() {
     assert!(matches!(error(&|i| i.depths.truncate(5)), DepthError::Length { array: "depths", .. }));
     assert_eq!(error(&|i| i.colors[100] = [f32::NAN; 3]), DepthError::Color { column: 4, row: 1 });
     assert_eq!(error(&|i| i.depths.fill(-1.0)), DepthError::NoDepth);
+    assert_eq!(error(&|i| i.depths.fill(1e-40)), DepthError::NoDepth, "no inverse is finite");
+}
+
+/// What a sampler and clouds keep of other images, of other sizes and numbers, isn't seen.
+#[test]
+fn a_kept_sampler_makes_what_a_new_one_does() {
+    let views = [80, 41, 80, 96].map(|width| Room.camera(width).expect("a camera"));
+    let images = views.each_ref().map(|view| Room.image(view));
+    let mut holes = images[2].clone();
+    for at in (0..holes.depths.len()).filter(|at| at % 3 == 0 || *at > 2000) {
+        holes.depths[at] = f32::NAN;
+    }
+    let [first, small, _, large] = images;
+    let sequences = [
+        vec![first.clone()],
+        vec![holes.clone()],
+        vec![small.clone(), first],
+        vec![large, holes],
+        vec![small],
+    ];
+    let (mut sampler, mut clouds) = (DepthSampler::default(), Vec::new());
+    for images in sequences {
+        sampler.sample(&mut clouds, &images, &views[0], &DepthSettings::default()).unwrap();
+        let new = merged_depth_surfels(&images, &views[0], &DepthSettings::default()).unwrap();
+        assert!(clouds == new, "{:?}", images.iter().map(|image| image.size).collect::<Vec<_>>());
+    }
 }
 
 proptest! {

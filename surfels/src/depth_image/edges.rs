@@ -80,6 +80,7 @@ impl Steps {
 }
 
 /// Links between the pixels of a depth image: 1 where both show one surface, else 0.
+#[derive(Default)]
 pub(super) struct Edges {
     /// Between each pixel and the one to its right.
     pub(super) right: Bordered,
@@ -88,9 +89,14 @@ pub(super) struct Edges {
 }
 
 impl Edges {
-    /// Of inverse depths along the axis, 0 where unknown.
-    pub(super) fn of(level: Level, size: [usize; 2], inverses: &Bordered, steps: &Steps) -> Self {
-        let [mut right, mut below] = [Bordered::zeros(size), Bordered::zeros(size)];
+    /// Of inverse depths along the axis, 0 where unknown, of an image of a size; in the memory of another's.
+    pub(super) fn of(
+        level: Level,
+        (size, inverses): ([usize; 2], &Bordered),
+        steps: &Steps,
+        memory: Self,
+    ) -> Self {
+        let [mut right, mut below] = [memory.right, memory.below].map(|old| old.renewed(size));
         right.rows().zip(below.rows()).enumerate().for_each(|(row, rows)| {
             let place = inverses.place([0, row]);
             dispatch!(level, simd => steps.link_row(simd, (inverses, place), rows));

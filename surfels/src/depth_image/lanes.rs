@@ -16,6 +16,7 @@ pub(super) type F<S> = fearless_simd::f32x16<S>;
 pub(super) const BORDER: usize = 2;
 
 /// A number for each pixel of an image, with zeros around them: nobody needs to ask where the image ends.
+#[derive(Default)]
 pub(super) struct Bordered {
     width: usize,
     /// How far the pixel below is.
@@ -24,19 +25,24 @@ pub(super) struct Bordered {
 }
 
 impl Bordered {
-    pub(super) fn zeros([width, height]: [usize; 2]) -> Self {
+    /// An image of this size, in the memory of one of the same: then its numbers are old, and only those around them zeros.
+    pub(super) fn renewed(self, [width, height]: [usize; 2]) -> Self {
         let stride = width.next_multiple_of(LANES) + 2 * BORDER;
-        Self { width, stride, numbers: vec![0.0; stride * (height + 2 * BORDER)] }
+        let len = stride * (height + 2 * BORDER);
+        if self.width == width && self.numbers.len() == len {
+            return self;
+        }
+        Self { width, stride, numbers: rayon::iter::repeat_n(0.0, len).with_min_len(1 << 14).collect() }
     }
 
-    /// What `number` makes of each pixel.
-    pub(super) fn of<T: Sync>(width: usize, pixels: &[T], number: impl Fn(&T) -> f32 + Sync) -> Self {
-        let mut image = Self::zeros([width, pixels.len() / width]);
-        image.rows().zip(pixels.par_chunks(width)).for_each(|(row, pixels)| {
-            for (place, pixel) in row.iter_mut().zip(pixels) {
-                *place = number(pixel);
-            }
-        });
+    /// One number after the other.
+    #[cfg(test)]
+    pub(super) fn of(width: usize, pixels: &[f32]) -> Self {
+        let mut image = Self::default().renewed([width, pixels.len() / width]);
+        image
+            .rows()
+            .zip(pixels.par_chunks(width))
+            .for_each(|(row, pixels)| row[..width].copy_from_slice(pixels));
         image
     }
 

@@ -1,13 +1,16 @@
 //! Depth images to surfels: one for each pixel, as large as the pixel is on the surface that it shows.
 //!
-//! `edges` says which pixels show one surface, `plane` fits a plane around each of them, `surfels` makes the splats, which are
-//! cut where a surface ends; sixteen pixels of a row at once (`lanes`). They are put down square by square (`squares`).
+//! `rows` puts the numbers of an image in rows, `edges` says which pixels show one surface, `plane` fits a plane around each of them,
+//! `surfels` makes the splats, which are cut where a surface ends; sixteen pixels of a row at once (`lanes`). They are put down square by
+//! square (`squares`), two of them at a time (`pairs`).
 
 mod edges;
 mod fill;
 mod lanes;
+mod pairs;
 mod plane;
 mod room;
+mod rows;
 mod scattered;
 mod squares;
 mod surfels;
@@ -15,8 +18,8 @@ mod views;
 
 pub use fill::fill_disocclusions;
 pub use room::{Hit, Room};
-pub use surfels::{DEPTH_LOW_PASS, DepthSettings, depth_surfels, renew_depth_surfels};
-pub use views::merged_depth_surfels;
+pub use surfels::{DEPTH_LOW_PASS, DepthSettings, depth_surfels};
+pub use views::{DepthSampler, merged_depth_surfels};
 
 use glam::{DVec2, DVec3};
 use oblate_engine::{Camera, CameraError, CloudError, Intrinsics, Pose, Projection};
@@ -40,7 +43,8 @@ pub struct RgbdImage {
     pub size: [usize; 2],
     /// Linear Rec. 709, one for each pixel.
     pub colors: Vec<[f32; 3]>,
-    /// In world units, one for each pixel. What is not finite or not above 0 is unknown: nothing is drawn there.
+    /// In world units, one for each pixel. What is not finite or not above 0 is unknown: nothing is drawn there. So is what is so small that
+    /// its inverse isn't finite.
     pub depths: Vec<f32>,
     /// What they measure.
     pub kind: DepthKind,
@@ -103,6 +107,16 @@ impl RgbdImage {
     /// # Errors
     /// When its camera is none, or an array is too long, too short or of colours that are not finite.
     pub fn check(&self) -> Result<(), DepthError> {
+        self.check_shape()?;
+        let wrong = |(row, colors): (usize, &[[f32; 3]])| {
+            let column = colors.iter().position(|color| !color.iter().all(|c| c.is_finite()))?;
+            Some(DepthError::Color { column, row })
+        };
+        self.colors.par_chunks(self.size[0]).enumerate().find_map_first(wrong).map_or(Ok(()), Err)
+    }
+
+    /// The same, but for colours.
+    fn check_shape(&self) -> Result<(), DepthError> {
         self.camera()?;
         let [width, height] = self.size;
         let pixels = width * height;
@@ -111,24 +125,25 @@ impl RgbdImage {
                 return Err(DepthError::Length { array, found, pixels });
             }
         }
-        let wrong = |(row, colors): (usize, &[[f32; 3]])| {
-            let column = colors.iter().position(|color| !color.iter().all(|c| c.is_finite()))?;
-            Some(DepthError::Color { column, row })
-        };
-        self.colors.par_chunks(width).enumerate().find_map_first(wrong).map_or(Ok(()), Err)
+        Ok(())
     }
 
     /// The depths along the axis; 0 where unknown.
     pub fn depths_along_axis(&self) -> Vec<f32> {
-        let known = |depth: f32| if depth > 0.0 && depth.is_finite() { depth } else { 0.0 };
-        let along_axis = |(at, depth): (usize, &f32)| match self.kind {
-            DepthKind::AlongAxis => known(*depth),
+        self.depths.par_iter().enumerate().map(|(at, depth)| self.along_axis(at, *depth)).collect()
+    }
+
+    /// The depth of a pixel along the axis; 0 where unknown.
+    #[inline(always)]
+    fn along_axis(&self, at: usize, depth: f32) -> f32 {
+        let known = |depth: f32| if 1.0 / depth > 0.0 && 1.0 / depth < f32::INFINITY { depth } else { 0.0 };
+        match self.kind {
+            DepthKind::AlongAxis => known(depth),
             DepthKind::AlongRay => {
                 let place = [at % self.size[0], at / self.size[0]].map(|x| x as f64 + 0.5);
-                known((f64::from(*depth) / self.ray(place.into()).length()) as f32)
+                known((f64::from(depth) / self.ray(place.into()).length()) as f32)
             }
-        };
-        self.depths.iter().enumerate().map(along_axis).collect()
+        }
     }
 }
 

@@ -129,8 +129,8 @@ mod tests {
         for hole in [31, 40] {
             inverses[hole] = 0.0;
         }
-        let bordered = Bordered::of(9, &inverses, |inverse| *inverse);
-        let edges = Edges::of(Level::best(), [9, 7], &bordered, &Steps::of(&image));
+        let bordered = Bordered::of(9, &inverses);
+        let edges = Edges::of(Level::best(), ([9, 7], &bordered), &Steps::of(&image), Edges::default());
         let slope = [0.3, -0.5].map(|n| (n / image.intrinsics.focal.x) as f32);
         for (at, inverse) in inverses.iter().enumerate().filter(|(_, inverse)| **inverse > 0.0) {
             let (column, place) = (at % 9, bordered.place([0, at / 9]));

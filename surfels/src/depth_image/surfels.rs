@@ -2,14 +2,15 @@
 
 use super::edges::{Edges, STEEPEST, Steps};
 use super::lanes::*;
+use super::pairs::{NUMBERS, Surfels};
 use super::plane::Planes;
-use super::squares::{Pixel, SIDE, in_squares};
+use super::rows::ImageRows;
+use super::squares::{Pixel, Squares};
 use super::{DepthError, RgbdImage};
-use glam::{Mat3, Vec3};
 use oblate_engine::cloud::Material;
-use oblate_engine::simd::{Level, dispatch};
-use oblate_engine::{Closed, Cloud, Intrinsics, Surfel, SurfelLook};
-use rayon::prelude::*;
+use oblate_engine::simd::Level;
+use oblate_engine::{Closed, Cloud, Intrinsics, Surfel, SurfelLook, SurfelPlaces};
+use std::ops::Range;
 
 /// σ of a pixel's kernel in pixels of the depth image. Sums of such kernels on a lattice are 1 ± 0.07, and colours are means under them.
 const SIGMA: f32 = 0.45;
@@ -56,85 +57,64 @@ impl Default for DepthSettings {
 /// When the image is none, no depth is known, or the surfels leave the range of single precision.
 pub fn depth_surfels(image: &RgbdImage, settings: &DepthSettings) -> Result<Cloud, DepthError> {
     let mut cloud = Cloud::default();
-    renew_depth_surfels(&mut cloud, image, settings)?;
+    Maker::new(image, Memory::default())?.renew(&mut cloud, settings, None)?;
     Ok(cloud)
 }
 
-/// Makes a cloud the surface that [`depth_surfels`] gives, in the memory that the cloud has ([`Cloud::renew`]): for images that come one
-/// after the other, as from a depth camera.
-///
-/// # Errors
-/// Those of [`depth_surfels`]. Then the cloud is empty or as it was.
-pub fn renew_depth_surfels(
-    cloud: &mut Cloud,
-    image: &RgbdImage,
-    settings: &DepthSettings,
-) -> Result<(), DepthError> {
-    Maker::new(image)?.renew(cloud, settings, |_, _| 1.0)
-}
+/// Of a surfel's area, as much as counts.
+pub(super) type Share<'a> = &'a (dyn Fn(Pixel, &Surfel) -> f32 + Sync);
 
 /// An image whose surfaces are known.
 pub(super) struct Maker<'a> {
     pub(super) image: &'a RgbdImage,
-    /// Along the axis; 0 where unknown.
-    pub(super) depths: Vec<f32>,
     pub(super) steps: Steps,
-    level: Level,
-    inverses: Bordered,
-    colors: [Bordered; 3],
+    pub(super) squares: Squares,
+    pub(super) level: Level,
+    rows: ImageRows,
     edges: Edges,
     /// The image's, in single precision.
     focal: [f32; 2],
     center: [f32; 2],
 }
 
+/// What a [`Maker`] leaves for the next.
+#[derive(Default)]
+pub(super) struct Memory {
+    rows: ImageRows,
+    edges: Edges,
+}
+
 impl<'a> Maker<'a> {
-    pub(super) fn new(image: &'a RgbdImage) -> Result<Self, DepthError> {
-        Self::with(Level::best(), image)
+    pub(super) fn new(image: &'a RgbdImage, memory: Memory) -> Result<Self, DepthError> {
+        Self::with(Level::best(), image, memory)
     }
 
-    fn with(level: Level, image: &'a RgbdImage) -> Result<Self, DepthError> {
-        image.check()?;
-        let depths = image.depths_along_axis();
+    fn with(level: Level, image: &'a RgbdImage, memory: Memory) -> Result<Self, DepthError> {
+        let rows = ImageRows::of(level, image, memory.rows)?;
+        let squares = Squares::of(level, image.size, &rows.inverses);
+        if squares.pixels() == 0 {
+            return Err(DepthError::NoDepth);
+        }
         let steps = Steps::of(image);
-        let width = image.size[0];
-        // What is nearer than numbers can tell is as good as unknown to its neighbours, and itself no surfel.
-        let inverse = |depth: &f32| Some(1.0 / depth).filter(|inverse| inverse.is_finite()).unwrap_or(0.0);
-        let inverses = Bordered::of(width, &depths, inverse);
-        let colors = [0, 1, 2].map(|i| Bordered::of(width, &image.colors, |color| color[i]));
-        let edges = Edges::of(level, image.size, &inverses, &steps);
+        let edges = Edges::of(level, (image.size, &rows.inverses), &steps, memory.edges);
         let Intrinsics { focal, center } = image.intrinsics;
         let [focal, center] = [focal, center].map(|v| v.as_vec2().to_array());
-        Ok(Self { image, depths, steps, level, inverses, colors, edges, focal, center })
+        Ok(Self { image, steps, squares, level, rows, edges, focal, center })
     }
 
-    /// The cloud of all whose depth is known, each with a share of its area.
-    pub(super) fn cloud(
-        &self,
-        settings: &DepthSettings,
-        share: impl Fn(Pixel, &Surfel) -> f32 + Sync,
-    ) -> Result<Cloud, DepthError> {
-        let mut cloud = Cloud::default();
-        self.renew(&mut cloud, settings, share)?;
-        Ok(cloud)
+    pub(super) fn into_memory(self) -> Memory {
+        Memory { rows: self.rows, edges: self.edges }
     }
 
-    /// The same in the memory of a cloud.
-    fn renew(
+    /// Makes a cloud, in its memory, that of all whose depth is known, each with a share of its area.
+    pub(super) fn renew(
         &self,
         cloud: &mut Cloud,
         settings: &DepthSettings,
-        share: impl Fn(Pixel, &Surfel) -> f32 + Sync,
+        share: Option<Share>,
     ) -> Result<(), DepthError> {
-        let known = in_squares(self.image.size[0], &self.depths);
-        if known.is_empty() {
-            return Err(DepthError::NoDepth);
-        }
-        // Summed by rows: the same for any number of threads.
-        let sum = |row: &[f32]| row.iter().map(|depth| f64::from(*depth)).sum();
-        let sums: Vec<f64> = self.depths.par_chunks(self.image.size[0]).map(sum).collect();
-        let mean = sums.iter().sum::<f64>() / known.len() as f64;
-        let pixel_width = mean / self.image.intrinsics.focal.min_element();
+        let mean_depth = self.rows.depth_sum / self.squares.pixels() as f64;
+        let pixel_width = mean_depth / self.image.intrinsics.focal.min_element();
         let look = SurfelLook {
             color: None,
             opacity: 1.0,
@@ -143,33 +123,36 @@ impl<'a> Maker<'a> {
             closed: Closed::EVERYWHERE,
             material: settings.material,
         };
-        cloud.renew(known.len(), &look, |numbers| {
-            let mut surfels = self.surfels();
-            let share = &share;
-            known[numbers].iter().map(move |pixel| {
-                let surfel = surfels.of(*pixel);
-                Surfel { area: surfel.area * share(*pixel, &surfel), ..surfel }
-            })
-        })?;
+        cloud.renew(self.squares.pixels(), &look, |numbers, places| self.put(numbers, share, places))?;
         *cloud = std::mem::take(cloud).transformed(self.image.pose.world_to_camera.inverse());
         Ok(())
     }
 
-    pub(super) fn surfels(&self) -> Surfels<'_> {
-        Surfels { maker: self, rows: [Row::NONE; SIDE] }
+    /// Puts the surfels of the known pixels with these numbers in places of a cloud.
+    fn put(&self, numbers: Range<usize>, share: Option<Share>, places: &mut SurfelPlaces) {
+        let mut surfels = self.surfels();
+        let (squares, mut before) = self.squares.with(numbers);
+        for square in squares {
+            let rows = surfels.of(square);
+            if let Some(share) = share {
+                for (place, pixel) in self.squares.pixels_of(square).enumerate() {
+                    rows.scale_area(place, share(pixel, &rows.surfel(place)));
+                }
+            }
+            places.put(&rows.since(before));
+            before = 0;
+        }
     }
 
-    /// A pixel's place in the image's arrays.
-    #[inline(always)]
-    pub(super) fn index(&self, [column, row]: Pixel) -> usize {
-        usize::from(row) * self.image.size[0] + usize::from(column)
+    pub(super) fn surfels(&self) -> Surfels<'_> {
+        Surfels::new(self)
     }
 
     /// The surfels from a pixel on, in camera space; of no meaning where depths are unknown.
     #[inline(always)]
-    fn numbers<S: Simd>(&self, simd: S, [column, row]: [usize; 2]) -> [F<S>; NUMBERS] {
+    pub(super) fn numbers<S: Simd>(&self, simd: S, [column, row]: [usize; 2]) -> [F<S>; NUMBERS] {
         let (one, zero) = (splat(simd, 1.0), splat(simd, 0.0));
-        let Self { inverses, edges, focal, .. } = self;
+        let Self { rows: ImageRows { inverses, .. }, edges, focal, .. } = self;
         let place = inverses.place([column, row]);
         let plane = Planes::at(simd, (inverses, edges), place);
         let columns = F::from_fn(
@@ -246,65 +229,13 @@ impl<'a> Maker<'a> {
         let zero = splat(simd, 0.0);
         let taken = [links[0] * links[1] * (0.5 * SHARPENED), links[2] * links[3] * (0.5 * SHARPENED)];
         let mut taken_back = [zero; 3];
-        for (result, colors) in taken_back.iter_mut().zip(&self.colors) {
+        for (result, colors) in taken_back.iter_mut().zip(&self.rows.colors) {
             let own = colors.load(simd, place);
             let along = colors.load(simd, left) + colors.load(simd, right) - own - own;
             let across = colors.load(simd, above) + colors.load(simd, below) - own - own;
             *result = (own - along * taken[0] - across * taken[1]).max(zero);
         }
         taken_back
-    }
-}
-
-/// Numbers of a surfel: centre, two half-axes, area, colour.
-const NUMBERS: usize = 13;
-
-/// Makes the surfels of an image, as many at a time as lie together.
-pub(super) struct Surfels<'a> {
-    maker: &'a Maker<'a>,
-    /// What was made last of each row of a square.
-    rows: [Row; SIDE],
-}
-
-/// The surfels of [`LANES`] pixels beside each other.
-struct Row {
-    /// Which pixels: the number of their group in the row, and the row.
-    group: [u16; 2],
-    numbers: [[f32; LANES]; NUMBERS],
-}
-
-impl Row {
-    /// No image has as many rows.
-    const NONE: Self = Self { group: [u16::MAX; 2], numbers: [[0.0; LANES]; NUMBERS] };
-}
-
-impl Surfels<'_> {
-    /// The surfel of a pixel whose depth is known, in camera space. It takes least to ask for pixels row by row or square by square.
-    #[inline(always)]
-    pub(super) fn of(&mut self, [column, row]: Pixel) -> Surfel {
-        let (group, lane) = ([column / LANES as u16, row], usize::from(column) % LANES);
-        let slot = usize::from(row) % SIDE;
-        if self.rows[slot].group != group {
-            self.make(group);
-        }
-        let numbers = &self.rows[slot].numbers;
-        let [a, b, c, d, e, f, g, h, i, area, color @ ..] = numbers.each_ref().map(|row| row[lane]);
-        let factor = Mat3::from_cols(Vec3::new(d, e, f), Vec3::new(g, h, i), Vec3::ZERO);
-        Surfel { center: Vec3::new(a, b, c), factor, area, color }
-    }
-
-    /// Makes those of a group.
-    #[inline(never)]
-    fn make(&mut self, group: [u16; 2]) {
-        let [number, row] = group.map(usize::from);
-        let made = &mut self.rows[row % SIDE];
-        made.group = group;
-        dispatch!(self.maker.level, simd => {
-            let numbers = self.maker.numbers(simd, [number * LANES, row]);
-            for (made, numbers) in made.numbers.iter_mut().zip(numbers) {
-                numbers.store_slice(made);
-            }
-        });
     }
 }
 
@@ -334,6 +265,7 @@ impl<S: Simd> Cuts<S> {
 mod tests {
     use super::*;
     use crate::depth_image::room::Room;
+    use glam::DVec2;
     use oblate_engine::CameraError;
 
     /// All sets of instructions give the same surfels but for rounding.
@@ -341,8 +273,10 @@ mod tests {
     fn levels_agree() -> Result<(), CameraError> {
         let image = Room.image(&Room.camera(83)?);
         let cloud = |level: Level| {
-            let maker = Maker::with(level, &image).expect("the image is one");
-            maker.cloud(&DepthSettings::default(), |_, _| 1.0).expect("the depths are right").splats()
+            let maker = Maker::with(level, &image, Memory::default()).expect("the image is one");
+            let mut cloud = Cloud::default();
+            maker.renew(&mut cloud, &DepthSettings::default(), None).expect("the depths are right");
+            cloud.splats()
         };
         let baseline = cloud(Level::Baseline);
         for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
@@ -358,23 +292,32 @@ mod tests {
         Ok(())
     }
 
-    /// Whatever was made before it, each surfel of a cloud is its own pixel's.
+    /// Whatever was made before it, and however many of its square are known, each surfel of a cloud is its own pixel's.
     #[test]
     fn each_pixel_has_its_own_surfel() -> Result<(), CameraError> {
         let mut image = Room.image(&Room.camera(83)?);
-        for at in (0..image.depths.len()).step_by(7) {
+        let width = image.size[0];
+        for at in (0..image.depths.len()).filter(|at| at % 7 == 0 || at % width < 20 && at / width > 30) {
             image.depths[at] = 0.0;
         }
-        let maker = Maker::new(&image).expect("the image is one");
-        let splats =
-            maker.cloud(&DepthSettings::default(), |_, _| 1.0).expect("the depths are right").splats();
-        let pixels = in_squares(image.size[0], &maker.depths);
-        assert_eq!(pixels.len(), splats.centers.len());
-        for (i, pixel) in pixels.into_iter().enumerate() {
-            let surfel = maker.surfels().of(pixel);
+        let maker = Maker::new(&image, Memory::default()).expect("the image is one");
+        let splats = depth_surfels(&image, &DepthSettings::default()).expect("the depths are right").splats();
+        let squares = 0..maker.squares.count();
+        let all =
+            squares.flat_map(|square| maker.squares.pixels_of(square).enumerate().map(move |p| (square, p)));
+        let mut i = 0;
+        for (square, (place, pixel)) in all {
+            let surfel = maker.surfels().of(square).surfel(place);
             assert_eq!(surfel.center, splats.centers[i], "{pixel:?}");
             assert_eq!(surfel.color, splats.colors[i], "{pixel:?}");
+            // It is moved by less than a pixel where its surface ends.
+            let seen = surfel.center.as_dvec3();
+            let seen = seen.truncate() / seen.z * image.intrinsics.focal + image.intrinsics.center;
+            let off = seen - DVec2::from(pixel.map(|x| f64::from(x) + 0.5));
+            assert!(off.abs().max_element() < 0.5, "{pixel:?}: {off}");
+            i += 1;
         }
+        assert_eq!(i, splats.centers.len());
         Ok(())
     }
 }

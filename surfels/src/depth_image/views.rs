@@ -1,7 +1,8 @@
 //! Several depth images in one picture.
 
+use super::pairs::Surfels;
 use super::squares::Pixel;
-use super::surfels::{Maker, Surfels};
+use super::surfels::{Maker, Memory};
 use super::{DepthError, DepthSettings, RgbdImage};
 use glam::{DAffine3, DVec3};
 use oblate_engine::{Camera, Cloud, Projection, Surfel};
@@ -24,23 +25,73 @@ pub fn merged_depth_surfels(
     view: &Camera,
     settings: &DepthSettings,
 ) -> Result<Vec<Cloud>, DepthError> {
-    let makers = images.iter().map(Maker::new).collect::<Result<Vec<_>, _>>()?;
-    if let [one] = &makers[..] {
-        return Ok(vec![one.cloud(settings, |_, _| 1.0)?]);
+    let mut clouds = Vec::new();
+    DepthSampler::default().sample(&mut clouds, images, view, settings)?;
+    Ok(clouds)
+}
+
+/// Samples the surfaces of depth images that come one after the other, as from a depth camera, in memory that it keeps.
+#[derive(Default)]
+pub struct DepthSampler {
+    memory: Vec<Memory>,
+}
+
+impl DepthSampler {
+    /// Makes clouds what [`merged_depth_surfels`] gives, in the memory that they have ([`Cloud::renew`]). Of a single image that is the same for all
+    /// views.
+    ///
+    /// # Errors
+    /// Those of [`super::depth_surfels`]. Then some clouds may be empty, and others as they were.
+    pub fn sample(
+        &mut self,
+        clouds: &mut Vec<Cloud>,
+        images: &[RgbdImage],
+        view: &Camera,
+        settings: &DepthSettings,
+    ) -> Result<(), DepthError> {
+        let mut memory = std::mem::take(&mut self.memory);
+        memory.resize_with(images.len(), Memory::default);
+        let makers = images.iter().zip(memory).map(|(image, memory)| Maker::new(image, memory));
+        let makers = makers.collect::<Result<Vec<_>, _>>()?;
+        clouds.resize_with(images.len(), Cloud::default);
+        if let ([maker], [cloud]) = (&makers[..], &mut clouds[..]) {
+            maker.renew(cloud, settings, None)?;
+        } else {
+            let shares = Shares::new(&makers, view);
+            for (own, (maker, cloud)) in makers.iter().zip(clouds).enumerate() {
+                let share = |pixel, surfel: &Surfel| shares.of(own, pixel, surfel);
+                maker.renew(cloud, settings, Some(&share))?;
+            }
+        }
+        self.memory = makers.into_iter().map(Maker::into_memory).collect();
+        Ok(())
     }
-    let views: Vec<View> = makers.iter().map(|maker| View::new(maker, view)).collect();
-    let qualities: Vec<Vec<f32>> = views.iter().map(View::qualities).collect();
-    let share = |own: usize, pixel: Pixel, surfel: &Surfel| {
+}
+
+/// The shares of several images in what is seen.
+struct Shares<'a> {
+    views: Vec<View<'a>>,
+    /// Of each image's pixels.
+    qualities: Vec<Vec<f32>>,
+}
+
+impl<'a> Shares<'a> {
+    fn new(makers: &'a [Maker<'a>], view: &'a Camera) -> Self {
+        let views: Vec<View> = makers.iter().map(|maker| View::new(maker, view)).collect();
+        let qualities = views.iter().map(View::qualities).collect();
+        Self { views, qualities }
+    }
+
+    /// That of a pixel's surfel in an image.
+    fn of(&self, own: usize, pixel: Pixel, surfel: &Surfel) -> f32 {
+        let Self { views, qualities } = self;
         let place = views[own].to_world.transform_point3(surfel.center.as_dvec3());
-        let quality = qualities[own][makers[own].index(pixel)];
+        let quality = qualities[own][views[own].index(pixel)];
         let others = (0..views.len()).filter(|other| *other != own);
         let seen = others.filter_map(|other| Some(qualities[other][views[other].sees(place)?]));
         let total = quality + seen.sum::<f32>();
         if total > 0.0 { quality / total } else { 1.0 }
-    };
-    let cloud =
-        |(own, maker): (usize, &Maker)| maker.cloud(settings, |pixel, surfel| share(own, pixel, surfel));
-    makers.iter().enumerate().map(cloud).collect()
+    }
 }
 
 /// An image beside the new view.
@@ -59,12 +110,25 @@ impl<'a> View<'a> {
 
     /// How well each pixel's sample serves the new view: 1 where it is no larger than a pixel there and seen from the same side.
     fn qualities(&self) -> Vec<f32> {
-        let (depths, width) = (&self.maker.depths, self.maker.image.size[0]);
-        let quality = |surfels: &mut Surfels, at: usize| {
-            let pixel = [at % width, at / width].map(|x| x as u16);
-            if depths[at] > 0.0 { self.quality(&surfels.of(pixel)) } else { 0.0 }
+        let squares = &self.maker.squares;
+        let of_square = |surfels: &mut Surfels, square: usize| -> Vec<f32> {
+            let rows = surfels.of(square);
+            (0..squares.pixels_of(square).count()).map(|place| self.quality(&rows.surfel(place))).collect()
         };
-        (0..depths.len()).into_par_iter().map_init(|| self.maker.surfels(), quality).collect()
+        let of_squares: Vec<Vec<f32>> =
+            (0..squares.count()).into_par_iter().map_init(|| self.maker.surfels(), of_square).collect();
+        let mut qualities = vec![0.0; self.maker.image.depths.len()];
+        for (square, own) in of_squares.into_iter().enumerate() {
+            for (pixel, quality) in squares.pixels_of(square).zip(own) {
+                qualities[self.index(pixel)] = quality;
+            }
+        }
+        qualities
+    }
+
+    /// A pixel's place in the image's arrays.
+    fn index(&self, [column, row]: Pixel) -> usize {
+        usize::from(row) * self.maker.image.size[0] + usize::from(column)
     }
 
     fn quality(&self, surfel: &Surfel) -> f32 {
@@ -93,7 +157,7 @@ impl<'a> View<'a> {
         let at = image.intrinsics.focal * there.truncate() / there.z + image.intrinsics.center;
         let inside = (0..2).all(|axis| at[axis] >= 0.0 && at[axis] < image.size[axis] as f64);
         let pixel = (there.z > 0.0 && inside).then(|| at.y as usize * image.size[0] + at.x as usize)?;
-        let depths = [self.maker.depths[pixel], there.z as f32];
+        let depths = [image.along_axis(pixel, image.depths[pixel]), there.z as f32];
         (depths[0] > 0.0 && self.maker.steps.are_one_surface(depths)).then_some(pixel)
     }
 }

@@ -1,5 +1,7 @@
 //! The surfels of a block of cells, number by number.
 
+use oblate_engine::{SurfelPlaces, SurfelRows};
+
 use super::lanes::*;
 use super::surfel::{IsoSurfel, NUMBERS};
 
@@ -114,6 +116,28 @@ impl Chunk {
     pub(super) fn since(&self, first: usize) -> impl Iterator<Item = IsoSurfel> + '_ {
         let rows = self.numbers.each_ref().map(|row| &row[..self.len]);
         (first..self.len).map(move |i| IsoSurfel::new(rows.map(|row| row[i])))
+    }
+
+    /// Puts all from one on in places of a cloud, of a thickness that makes their radius so many times as long.
+    pub(super) fn put(&self, first: usize, flattening: f32, places: &mut SurfelPlaces) {
+        let mut through = [[0.0; ROOM]; 3];
+        let is_flat = flattening == f32::INFINITY;
+        if !is_flat {
+            for (place, surfel) in self.since(first).enumerate() {
+                let half_axis = surfel.factor(flattening).z_axis.to_array();
+                for (row, number) in through.iter_mut().zip(half_axis) {
+                    row[place] = number;
+                }
+            }
+        }
+        let [x, y, z, half_axes @ .., areas] = self.numbers.each_ref().map(|row| &row[first..self.len]);
+        places.put(&SurfelRows {
+            centers: [x, y, z],
+            half_axes,
+            through: (!is_flat).then(|| through.each_ref().map(|row| &row[..])),
+            areas,
+            colors: [&[]; 3],
+        });
     }
 
     /// Appends some, where there is room for a register.

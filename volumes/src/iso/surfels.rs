@@ -1,13 +1,12 @@
 //! Surfels as they are found, and as a cloud.
 
-use std::iter::{once, repeat};
 use std::ops::Range;
 
 use bytemuck::allocation::cast_vec;
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
-use oblate_engine::{Closed, Cloud, Shapes, Splats, Strength, Surface, Surfel, SurfelLook};
+use oblate_engine::{Closed, Cloud, Shapes, Splats, Strength, Surface, SurfelLook, SurfelPlaces};
 
 use super::block::{Block, Chunk};
 use super::surfel::IsoSurfel;
@@ -166,18 +165,18 @@ impl IsoSurfels {
             Some(*end)
         };
         let ends: Vec<usize> = chunks.iter().scan(0, next_end).collect();
-        let surfels = |numbers: Range<usize>| {
+        let surfels = |numbers: Range<usize>, places: &mut SurfelPlaces| {
             let first = ends.partition_point(|end| *end <= numbers.start);
             let begin = first.checked_sub(1).map_or(0, |before| ends[before]);
-            // All but the first chunk are taken from their beginning.
-            let froms = once(numbers.start - begin).chain(repeat(0));
-            let all = chunks[first..].iter().zip(froms).flat_map(|(chunk, from)| chunk.since(from));
-            all.map(|surfel| Surfel {
-                center: surfel.center,
-                factor: surfel.factor(settings.flattening),
-                area: surfel.area,
-                color: settings.color,
-            })
+            // All but the first chunk are taken from their beginning, and the last as far as there is room.
+            let mut from = numbers.start - begin;
+            for (chunk, end) in chunks[first..].iter().zip(&ends[first..]) {
+                chunk.put(from, settings.flattening, places);
+                from = 0;
+                if *end >= numbers.end {
+                    break;
+                }
+            }
         };
         cloud.renew(self.len(), &look, surfels)?;
         *cloud = std::mem::take(cloud).transformed(DAffine3::from_translation(self.frame.origin));

@@ -1,0 +1,128 @@
+//! The surfels of two squares at a time, which are as wide as a register.
+
+use super::lanes::*;
+use super::squares::{AREA, CURVE, Known, SIDE};
+use super::surfels::Maker;
+use glam::{Mat3, Vec3};
+use oblate_engine::simd::dispatch;
+use oblate_engine::{Surfel, SurfelRows};
+
+/// Numbers of a surfel: centre, two half-axes, area, colour.
+pub(super) const NUMBERS: usize = 13;
+
+/// Makes the surfels of an image, those of two squares at a time, which are as wide as a register.
+pub(super) struct Surfels<'a> {
+    maker: &'a Maker<'a>,
+    /// The number of those that were made last.
+    pair: Option<usize>,
+    made: [Rows; 2],
+}
+
+/// The surfels of the known pixels of a square along its curve, in camera space.
+#[derive(Clone, Copy)]
+pub(super) struct Rows {
+    len: usize,
+    numbers: [[f32; AREA]; NUMBERS],
+}
+
+impl Rows {
+    const NONE: Self = Self { len: 0, numbers: [[0.0; AREA]; NUMBERS] };
+
+    /// Leaves those of the known pixels of all in the square.
+    #[inline(always)]
+    fn keep<S: Simd>(&mut self, simd: S, known: Known) {
+        self.len = known.count();
+        if known.are_all() {
+            return;
+        }
+        for row in &mut self.numbers {
+            let mut kept = 0;
+            for from in (0..AREA).step_by(LANES) {
+                let bits = known.0 >> from & 0xffff;
+                let is_known = fearless_simd::mask32x16::from_bitmask(simd, bits);
+                // What is behind those that are kept has been read.
+                let numbers = F::from_slice(simd, &row[from..from + LANES]).compress(is_known);
+                numbers.store_slice(&mut row[kept..kept + LANES]);
+                kept += bits.count_ones() as usize;
+            }
+        }
+    }
+
+    /// All from one on.
+    pub(super) fn since(&self, first: usize) -> SurfelRows<'_> {
+        let rows = self.numbers.each_ref().map(|row| &row[first..self.len]);
+        let [x, y, z, a, b, c, d, e, f, areas, colors @ ..] = rows;
+        let half_axes = [a, b, c, d, e, f];
+        SurfelRows { centers: [x, y, z], half_axes, through: None, areas, colors }
+    }
+
+    pub(super) fn surfel(&self, place: usize) -> Surfel {
+        let [x, y, z, a, b, c, d, e, f, area, color @ ..] = self.numbers.each_ref().map(|row| row[place]);
+        let factor = Mat3::from_cols(Vec3::new(a, b, c), Vec3::new(d, e, f), Vec3::ZERO);
+        Surfel { center: Vec3::new(x, y, z), factor, area, color }
+    }
+
+    pub(super) fn scale_area(&mut self, place: usize, share: f32) {
+        let [.., areas, _, _, _] = &mut self.numbers;
+        areas[place] *= share;
+    }
+}
+
+impl<'a> Surfels<'a> {
+    pub(super) fn new(maker: &'a Maker<'a>) -> Self {
+        Self { maker, pair: None, made: [Rows::NONE; 2] }
+    }
+
+    /// Those of a square. It takes least to ask for one after the other.
+    pub(super) fn of(&mut self, square: usize) -> &mut Rows {
+        let pair = square / 2;
+        if self.pair != Some(pair) {
+            self.pair = Some(pair);
+            let known = [2 * pair, 2 * pair + 1].map(|square| self.maker.squares.known(square));
+            dispatch!(self.maker.level, simd => {
+                self.make(simd, pair);
+                for (rows, known) in self.made.iter_mut().zip(known) {
+                    rows.keep(simd, known);
+                }
+            });
+        }
+        &mut self.made[square % 2]
+    }
+
+    /// Makes those of all pixels of a pair.
+    #[inline(always)]
+    fn make<S: Simd>(&mut self, simd: S, pair: usize) {
+        let [column, first] = self.maker.squares.corner(2 * pair);
+        let last = self.maker.image.size[1] - 1;
+        for y in (0..SIDE).step_by(2) {
+            // What is below the image is known nowhere.
+            let upper = self.maker.numbers(simd, [column, (first + y).min(last)]);
+            let lower = self.maker.numbers(simd, [column, (first + y + 1).min(last)]);
+            let [left, right] = &mut self.made;
+            for number in 0..NUMBERS {
+                let mut rows = [[0.0; LANES]; 2];
+                upper[number].store_slice(&mut rows[0]);
+                lower[number].store_slice(&mut rows[1]);
+                let [left, right] = [&mut left.numbers[number], &mut right.numbers[number]];
+                for (at, place) in QUADS[y / 2].into_iter().enumerate() {
+                    let [x, beside] = [2 * at, SIDE + 2 * at];
+                    let quad = |x: usize| [rows[0][x], rows[0][x + 1], rows[1][x], rows[1][x + 1]];
+                    left[place..place + 4].copy_from_slice(&quad(x));
+                    right[place..place + 4].copy_from_slice(&quad(beside));
+                }
+            }
+        }
+    }
+}
+
+/// Where along a square's curve the squares of 2×2 pixels begin of which two rows of it are, pair of rows by pair.
+const QUADS: [[usize; SIDE / 2]; SIDE / 2] = {
+    let mut quads = [[0; SIDE / 2]; SIDE / 2];
+    let mut place = 0;
+    while place < AREA {
+        let [x, y] = CURVE[place];
+        quads[y as usize / 2][x as usize / 2] = place;
+        place += 4;
+    }
+    quads
+};
