@@ -12,6 +12,9 @@ pub(super) const LANES: usize = 16;
 /// A number of each.
 pub(super) type F<S> = fearless_simd::f32x16<S>;
 
+/// A vector of each.
+pub(super) type F3<S> = [F<S>; 3];
+
 /// How far beside a pixel anybody looks.
 pub(super) const BORDER: usize = 2;
 

@@ -3,9 +3,8 @@
 use super::lanes::*;
 use super::squares::{AREA, CURVE, Known, SIDE};
 use super::surfels::Maker;
-use glam::{Mat3, Vec3};
+use oblate_engine::SurfelRows;
 use oblate_engine::simd::dispatch;
-use oblate_engine::{Surfel, SurfelRows};
 
 /// Numbers of a surfel: centre, two half-axes, area, colour.
 pub(super) const NUMBERS: usize = 13;
@@ -23,6 +22,13 @@ pub(super) struct Surfels<'a> {
 pub(super) struct Rows {
     len: usize,
     numbers: [[f32; AREA]; NUMBERS],
+}
+
+/// Where sixteen surfels are, and how they lie.
+pub(super) struct Sixteen<S: Simd> {
+    pub(super) center: F3<S>,
+    pub(super) half_axes: [F3<S>; 2],
+    pub(super) area: F<S>,
 }
 
 impl Rows {
@@ -56,15 +62,41 @@ impl Rows {
         SurfelRows { centers: [x, y, z], half_axes, through: None, areas, colors }
     }
 
-    pub(super) fn surfel(&self, place: usize) -> Surfel {
-        let [x, y, z, a, b, c, d, e, f, area, color @ ..] = self.numbers.each_ref().map(|row| row[place]);
-        let factor = Mat3::from_cols(Vec3::new(a, b, c), Vec3::new(d, e, f), Vec3::ZERO);
-        Surfel { center: Vec3::new(x, y, z), factor, area, color }
+    pub(super) fn len(&self) -> usize {
+        self.len
     }
 
-    pub(super) fn scale_area(&mut self, place: usize, share: f32) {
+    pub(super) fn center(&self, number: usize) -> [f32; 3] {
+        [0, 1, 2].map(|axis| self.numbers[axis][number])
+    }
+
+    /// Centre and half-axes of one, and its area.
+    #[cfg(test)]
+    pub(super) fn surfel(&self, number: usize) -> ([glam::DVec3; 3], f64) {
+        let vector =
+            |first: usize| [0, 1, 2].map(|axis| f64::from(self.numbers[first + axis][number])).into();
+        ([0, 3, 6].map(vector), f64::from(self.numbers[9][number]))
+    }
+
+    /// Sixteen from one on; of no meaning behind the last.
+    #[inline(always)]
+    pub(super) fn sixteen<S: Simd>(&self, simd: S, first: usize) -> Sixteen<S> {
+        let center = [self.row(simd, 0, first), self.row(simd, 1, first), self.row(simd, 2, first)];
+        let u = [self.row(simd, 3, first), self.row(simd, 4, first), self.row(simd, 5, first)];
+        let v = [self.row(simd, 6, first), self.row(simd, 7, first), self.row(simd, 8, first)];
+        Sixteen { center, half_axes: [u, v], area: self.row(simd, 9, first) }
+    }
+
+    #[inline(always)]
+    fn row<S: Simd>(&self, simd: S, number: usize, first: usize) -> F<S> {
+        F::from_slice(simd, &self.numbers[number][first..first + LANES])
+    }
+
+    pub(super) fn scale_areas(&mut self, shares: &[f32; AREA]) {
         let [.., areas, _, _, _] = &mut self.numbers;
-        areas[place] *= share;
+        for (area, share) in areas.iter_mut().zip(shares).take(self.len) {
+            *area *= share;
+        }
     }
 }
 

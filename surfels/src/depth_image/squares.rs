@@ -90,9 +90,9 @@ impl Squares {
         Self { across: 2 * pairs, known, ends }
     }
 
-    /// How many squares there are, those without any pixel, too.
-    pub(super) fn count(&self) -> usize {
-        self.known.len()
+    /// Those of a row of squares.
+    pub(super) fn in_row(&self, row: usize) -> Range<usize> {
+        row * self.across..(row + 1) * self.across
     }
 
     /// How many pixels are known.
@@ -146,7 +146,7 @@ mod tests {
         for [width, height] in [[1, 2], [7, 3], [8, 8], [21, 17], [64, 24]] {
             let depths: Vec<f32> = (0..width * height).map(|at| (at % 5 % 2) as f32).collect();
             let squares = squares(width, &depths);
-            let all = || (0..squares.count()).flat_map(|square| squares.pixels_of(square));
+            let all = || (0..squares.known.len()).flat_map(|square| squares.pixels_of(square));
             let mut places: Vec<usize> =
                 all().map(|[column, row]| usize::from(row) * width + usize::from(column)).collect();
             places.sort_unstable();
@@ -162,7 +162,7 @@ mod tests {
             }
         }
         let whole = squares(24, &[1.0; 24 * 16]);
-        let pixels: Vec<Pixel> = (0..whole.count()).flat_map(|square| whole.pixels_of(square)).collect();
+        let pixels: Vec<Pixel> = (0..whole.known.len()).flat_map(|square| whole.pixels_of(square)).collect();
         for eight in pixels.chunks(8) {
             let sides = [0, 1].map(|axis| {
                 let along = || eight.iter().map(|pixel| pixel[axis]);

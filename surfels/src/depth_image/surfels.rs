@@ -2,14 +2,14 @@
 
 use super::edges::{Edges, STEEPEST, Steps};
 use super::lanes::*;
-use super::pairs::{NUMBERS, Surfels};
+use super::pairs::{NUMBERS, Rows, Surfels};
 use super::plane::Planes;
 use super::rows::ImageRows;
-use super::squares::{Pixel, Squares};
+use super::squares::{AREA, Squares};
 use super::{DepthError, RgbdImage};
 use oblate_engine::cloud::Material;
 use oblate_engine::simd::Level;
-use oblate_engine::{Closed, Cloud, Intrinsics, Surfel, SurfelLook, SurfelPlaces};
+use oblate_engine::{Closed, Cloud, Intrinsics, SurfelLook, SurfelPlaces};
 use std::ops::Range;
 
 /// σ of a pixel's kernel in pixels of the depth image. Sums of such kernels on a lattice are 1 ± 0.07, and colours are means under them.
@@ -61,8 +61,8 @@ pub fn depth_surfels(image: &RgbdImage, settings: &DepthSettings) -> Result<Clou
     Ok(cloud)
 }
 
-/// Of a surfel's area, as much as counts.
-pub(super) type Share<'a> = &'a (dyn Fn(Pixel, &Surfel) -> f32 + Sync);
+/// As much of the areas of a square's surfels as counts.
+pub(super) type Share<'a> = &'a (dyn Fn(&Rows) -> [f32; AREA] + Sync);
 
 /// An image whose surfaces are known.
 pub(super) struct Maker<'a> {
@@ -89,7 +89,7 @@ impl<'a> Maker<'a> {
         Self::with(Level::best(), image, memory)
     }
 
-    fn with(level: Level, image: &'a RgbdImage, memory: Memory) -> Result<Self, DepthError> {
+    pub(super) fn with(level: Level, image: &'a RgbdImage, memory: Memory) -> Result<Self, DepthError> {
         let rows = ImageRows::of(level, image, memory.rows)?;
         let squares = Squares::of(level, image.size, &rows.inverses);
         if squares.pixels() == 0 {
@@ -135,9 +135,7 @@ impl<'a> Maker<'a> {
         for square in squares {
             let rows = surfels.of(square);
             if let Some(share) = share {
-                for (place, pixel) in self.squares.pixels_of(square).enumerate() {
-                    rows.scale_area(place, share(pixel, &rows.surfel(place)));
-                }
+                rows.scale_areas(&share(rows));
             }
             places.put(&rows.since(before));
             before = 0;
@@ -265,7 +263,8 @@ impl<S: Simd> Cuts<S> {
 mod tests {
     use super::*;
     use crate::depth_image::room::Room;
-    use glam::DVec2;
+    use crate::depth_image::squares::SIDE;
+    use glam::{DVec2, Vec3};
     use oblate_engine::CameraError;
 
     /// All sets of instructions give the same surfels but for rounding.
@@ -302,16 +301,15 @@ mod tests {
         }
         let maker = Maker::new(&image, Memory::default()).expect("the image is one");
         let splats = depth_surfels(&image, &DepthSettings::default()).expect("the depths are right").splats();
-        let squares = 0..maker.squares.count();
+        let squares = (0..image.size[1].div_ceil(SIDE)).flat_map(|row| maker.squares.in_row(row));
         let all =
             squares.flat_map(|square| maker.squares.pixels_of(square).enumerate().map(move |p| (square, p)));
         let mut i = 0;
         for (square, (place, pixel)) in all {
-            let surfel = maker.surfels().of(square).surfel(place);
-            assert_eq!(surfel.center, splats.centers[i], "{pixel:?}");
-            assert_eq!(surfel.color, splats.colors[i], "{pixel:?}");
+            let center = Vec3::from(maker.surfels().of(square).center(place));
+            assert_eq!(center, splats.centers[i], "{pixel:?}");
             // It is moved by less than a pixel where its surface ends.
-            let seen = surfel.center.as_dvec3();
+            let seen = center.as_dvec3();
             let seen = seen.truncate() / seen.z * image.intrinsics.focal + image.intrinsics.center;
             let off = seen - DVec2::from(pixel.map(|x| f64::from(x) + 0.5));
             assert!(off.abs().max_element() < 0.5, "{pixel:?}: {off}");
