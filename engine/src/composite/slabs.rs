@@ -56,7 +56,7 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
             return self.add_to_sheets::<DEPTH>(simd, plain, open);
         };
         let narrow = plain.kernels.slabs.narrow;
-        let [level, level_in_three] = plain.kernels.level::<DEPTH>();
+        let [level, level_in_three] = plain.kernels.slabs.level;
         let mut rest = plain.set;
         while rest != 0 {
             let set = before(rest, rest & !level);
@@ -217,7 +217,7 @@ impl<S: Simd> Slabbed<S> {
                 }
             }
             self.end = self.end.max(first + if IN_THREE { 3 } else { 2 });
-            let weight = kernels.plain_weight(simd, number, pixels);
+            let weight = kernels.plain_weight::<S, DEPTH>(simd, number, pixels);
             for (slab, sum) in self.near.iter_mut().enumerate() {
                 sum.add_grain::<DEPTH>(simd, weight, &kernels.slabs.grain(number, slab));
             }

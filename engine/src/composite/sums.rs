@@ -178,15 +178,22 @@ impl<S: Simd> Sum<S> {
         }
     }
 
-    /// Adds a level kernel with a weight at each pixel.
+    /// Adds a level kernel with a weight at each pixel, and that times how much farther its z is there.
     #[inline(always)]
-    pub(super) fn add_grain<const DEPTH: bool>(&mut self, simd: S, weight: W<S>, grain: &Grain) {
-        self.optical_depth = weight.mul_add(W::simd_from(simd, grain.optical_depth), self.optical_depth);
+    pub(super) fn add_grain<const DEPTH: bool>(
+        &mut self,
+        simd: S,
+        [weight, farther]: [W<S>; 2],
+        grain: &Grain,
+    ) {
+        let optical_depth = W::simd_from(simd, grain.optical_depth);
+        self.optical_depth = weight.mul_add(optical_depth, self.optical_depth);
         for (sum, own) in self.color.iter_mut().zip(grain.color) {
             *sum = weight.mul_add(W::simd_from(simd, own), *sum);
         }
         if DEPTH {
-            self.depth = weight.mul_add(W::simd_from(simd, grain.depth), self.depth);
+            let depth = farther.mul_add(optical_depth, self.depth);
+            self.depth = weight.mul_add(W::simd_from(simd, grain.depth), depth);
         }
     }
 

@@ -27,7 +27,7 @@ pub(crate) struct SlabColumns {
     /// Whole records that touch three slabs.
     in_three: u64,
     /// Those of optical depths that touch two slabs, and three, of which all pixels see the same shares.
-    level: [u64; 2],
+    pub(crate) level: [u64; 2],
     /// What these have in their slabs where w = e^{−r/2} is 1.
     in_slabs: [Heap; 3],
     /// Pieces that begin, and that end, their records.
@@ -253,16 +253,19 @@ impl Kernels {
         }
     }
 
-    /// w = e^{−r/2} of a plain kernel at pixels.
+    /// w = e^{−r/2} of a plain kernel in the affine form at pixels; and, where depth is asked for, that times how much farther its z is there than
+    /// at its mean.
     #[inline(always)]
-    pub(crate) fn plain_weight<S: Simd>(&self, simd: S, number: usize, pixels: [W<S>; 2]) -> W<S> {
-        self.weight(simd, number, self.outlines.offsets(simd, number, pixels).exponent)
-    }
-
-    /// Level kernels that touch two slabs, and three; where depth is asked for those whose z at pixels is one, too.
-    #[inline(always)]
-    pub(crate) fn level<const DEPTH: bool>(&self) -> [u64; 2] {
-        self.slabs.level.map(|level| if DEPTH { level & self.outlines.points } else { level })
+    pub(crate) fn plain_weight<S: Simd, const DEPTH: bool>(
+        &self,
+        simd: S,
+        number: usize,
+        pixels: [W<S>; 2],
+    ) -> [W<S>; 2] {
+        let offsets = self.outlines.offsets(simd, number, pixels);
+        let weight = self.weight(simd, number, offsets.exponent);
+        let slope = [0, 1].map(|axis| self.outlines.depth_slope[axis][number]);
+        [weight, if DEPTH { weight * offsets.linear(simd, 0.0, slope) } else { weight }]
     }
 
     /// The optical depth of a plain kernel that is spread as a box at pixels, and its share before a distance.
