@@ -63,5 +63,5 @@ pub use reference::{ReferenceKind, reference};
 pub use render::{Renderer, render};
 pub use scene::{Baseline, Blend, FootprintForm, Light, Order, RenderSettings, Scene};
 pub use settle::settle;
-pub use surfels::{Surfel, SurfelLook, SurfelPlaces, SurfelRows};
+pub use surfels::{SurfelLook, SurfelPlaces, SurfelRows};
 pub use validate::SceneError;

@@ -6,22 +6,18 @@ use crate::closed::Closed;
 use crate::cloud::{Cloud, CloudError, Material, check_material, check_names, check_surface, wrong};
 use crate::columns::{BLOCKS_A_TASK, Column, Columns, Factors, Kind, LANES, Lanes, Repeated, SurfaceKind};
 use glam::{Mat3, Vec3};
-use places::Rows;
+use places::CloudRows;
 pub use places::{SurfelPlaces, SurfelRows};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// A sample of a surface.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Surfel {
-    /// Its centre in cloud space.
-    pub center: Vec3,
-    /// The factor of its covariance, as in [`crate::Shapes`]; its normal is that of the first two half-axes.
-    pub factor: Mat3,
-    /// The surface area that it stands for, in squared world units; at least 0.
-    pub area: f32,
-    /// Linear Rec. 709 colour, finite; not read where the look has one for all.
-    pub color: [f32; 3],
+/// A sample of a surface, with the numbers of [`SurfelRows`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Surfel {
+    center: Vec3,
+    factor: Mat3,
+    area: f32,
+    color: [f32; 3],
 }
 
 /// What the surfels of a cloud share; as in [`crate::Surface`] and [`crate::Splats`].
@@ -72,14 +68,15 @@ impl Cloud {
         let old = std::mem::take(self);
         check_names(count)?;
         look.check()?;
-        let mut rows = Rows::in_memory_of(old.into_columns(), count.div_ceil(LANES), look.color.is_none());
+        let mut rows =
+            CloudRows::in_memory_of(old.into_columns(), count.div_ceil(LANES), look.color.is_none());
         let fill = |(numbers, mut places): (Range<usize>, SurfelPlaces)| {
             surfels(numbers.clone(), &mut places);
             places.finish(numbers)
         };
         let filled: Vec<Result<Option<Vec<[Lanes; 3]>>, CloudError>> = rows.tasks(count).map(fill).collect();
         let through = filled.into_iter().collect::<Result<Vec<_>, _>>()?;
-        let Rows { centers, flat, areas, colors } = rows;
+        let CloudRows { centers, flat, areas, colors } = rows;
         let SurfelLook { color, opacity, depth_tolerance, coverage_floor, ref closed, material } = *look;
         *self = Self::of_columns(Columns {
             len: count,
@@ -186,7 +183,9 @@ mod tests {
             places.put(&SurfelRows {
                 centers: centers.map(row).each_ref().map(|row| &row[..]),
                 half_axes: [a, b, c, d, e, f],
-                through: Some(through),
+                // Flat ones by themselves have none, now and then.
+                through: (some.len() > 3 || some.iter().any(|s| s.factor.z_axis != Vec3::ZERO))
+                    .then_some(through),
                 areas: &row(|surfel| surfel.area),
                 colors: colors.map(row).each_ref().map(|row| &row[..]),
             });
@@ -312,5 +311,35 @@ mod tests {
         assert!(Cloud::of_surfels(1, &dark, |numbers, places| put(places, numbers, flat)).is_err());
         let ghost = SurfelLook { opacity: f32::NAN, ..LOOK };
         assert!(Cloud::of_surfels(1, &ghost, |numbers, places| put(places, numbers, flat)).is_err());
+    }
+
+    #[test]
+    fn what_there_is_no_room_for_is_left_out_and_uneven_rows_are_refused() {
+        let count = TOGETHER + 5;
+        let flat = |i| surfel(i, 0.0);
+        let more = |i| if i < count { flat(i) } else { Surfel { area: f32::NAN, ..flat(0) } };
+        let made = Cloud::of_surfels(count, &LOOK, |numbers: Range<usize>, places| {
+            // Of the first range surplus ones are right, but the next range's.
+            put(places, numbers.start..numbers.end + 3, more);
+        });
+        assert_eq!(made.unwrap(), Cloud::new(arrays(count, 0.0, &LOOK)).unwrap());
+        let row = [1.0; TOGETHER + 9];
+        for uneven in 0..14 {
+            let rows = |numbers: Range<usize>, places: &mut SurfelPlaces| {
+                let of = |number: usize| &row[..numbers.len() + usize::from(number == uneven)];
+                places.put(&SurfelRows {
+                    centers: [0, 1, 2].map(of),
+                    half_axes: [3, 4, 5, 6, 7, 8].map(of),
+                    through: Some([9, 10, 11].map(of)),
+                    areas: of(12),
+                    colors: [&[]; 3],
+                });
+                // Nor is what comes behind.
+                put(places, numbers, flat);
+            };
+            let made = Cloud::of_surfels(count, &LOOK, rows);
+            assert_eq!(made.is_ok(), uneven == 13, "{uneven}");
+            assert!(uneven == 13 || matches!(made, Err(CloudError::Length { array: "surfels", .. })));
+        }
     }
 }

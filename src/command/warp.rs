@@ -191,7 +191,7 @@ fn beside(path: &Path, number: usize) -> PathBuf {
     path.with_file_name(format!("{stem}-{number:04}.png"))
 }
 
-/// Photographs, drawn from elsewhere, one picture after the other in the memory of the last.
+/// Photographs, drawn from elsewhere, one picture after the other; what they are drawn from and with is kept.
 struct Warp<'a> {
     images: &'a [RgbdImage],
     fill: bool,
@@ -243,8 +243,10 @@ impl<'a> Warp<'a> {
         self.holes = frame.color.iter().filter(|pixel| pixel[3] < 0.5).count() as u64;
         let mut fill_time = Duration::ZERO;
         if self.fill {
-            self.whole.clone_from(frame);
-            let (filled, time) = timed(|| Ok(fill_disocclusions(&mut self.whole)))?;
+            let (filled, time) = timed(|| {
+                self.whole.clone_from(frame);
+                Ok(fill_disocclusions(&mut self.whole))
+            })?;
             (self.filled, fill_time, frame) = (filled as u64, time, &self.whole);
         }
         for (times, time) in self.times.iter_mut().zip([surfels_time, frame_time, fill_time]) {

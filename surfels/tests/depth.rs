@@ -435,6 +435,11 @@ fn a_kept_sampler_makes_what_a_new_one_does() {
         sampler.sample(&mut clouds, &images, &views[0], &DepthSettings::default()).unwrap();
         let new = merged_depth_surfels(&images, &views[0], &DepthSettings::default()).unwrap();
         assert!(clouds == new, "{:?}", images.iter().map(|image| image.size).collect::<Vec<_>>());
+        // Nor is what couldn't be made.
+        let wrong =
+            [images[0].clone(), RgbdImage { depths: vec![0.0; images[0].depths.len()], ..images[0].clone() }];
+        let refused = sampler.sample(&mut clouds, &wrong, &views[0], &DepthSettings::default());
+        assert_eq!((refused, clouds.len()), (Err(DepthError::NoDepth), 0));
     }
 }
 

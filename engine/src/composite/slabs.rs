@@ -194,7 +194,7 @@ impl<S: Simd> Slabbed<S> {
         }
     }
 
-    /// Adds level kernels, which touch two slabs at most, or three: all sums grow by the same weight.
+    /// Adds level kernels, which touch two slabs at most, or three: all sums grow by the same weight, and those of z by what it changes over the pixels, too.
     #[inline(always)]
     fn add_level<const DEPTH: bool, const IN_THREE: bool>(
         &mut self,

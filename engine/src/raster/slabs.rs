@@ -35,7 +35,7 @@ pub(crate) struct SlabColumns {
     end: u64,
 }
 
-/// Of a slab, the optical depths of level kernels, and those times colours and z.
+/// Of a slab, the optical depths of level kernels, and those times colours and z at their means.
 #[repr(C, align(64))]
 struct Heap {
     optical_depth: Column,
@@ -46,7 +46,7 @@ struct Heap {
 /// What a level kernel has in a slab where w = e^{−r/2} is 1.
 pub(crate) struct Grain {
     pub(crate) optical_depth: f32,
-    /// Times the optical depth, as is z.
+    /// Times the optical depth, as is z at the mean.
     pub(crate) color: [f32; 3],
     pub(crate) depth: f32,
 }

@@ -12,23 +12,24 @@ use std::slice;
 /// Surfels that a thread makes at a time.
 pub(super) const TOGETHER: usize = BLOCKS_A_TASK * LANES;
 
-/// Consecutive samples of a surface, each number in a row of its own, in the order of a [`Surfel`]'s. They are as many as the shortest row has.
+/// Consecutive samples of a surface, each number in a row of its own; all rows are of one length.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfelRows<'a> {
-    /// x, y and z.
+    /// x, y and z of centres in cloud space.
     pub centers: [&'a [f32]; 3],
-    /// The first two columns of factors, one after the other.
+    /// The first two columns of the factors of covariances, as in [`crate::Shapes`], one after the other: half-axes in cloud space, whose normal is
+    /// the surface's.
     pub half_axes: [&'a [f32]; 6],
-    /// The third ones; without it surfels are flat.
+    /// The third columns, along the normal; without them surfels are flat.
     pub through: Option<[&'a [f32]; 3]>,
-    /// As [`Surfel::area`].
+    /// The surface areas that they stand for, in squared world units; at least 0.
     pub areas: &'a [f32],
     /// Linear Rec. 709; not read where the look has one for all.
     pub colors: [&'a [f32]; 3],
 }
 
 /// The numbers of surfels, in blocks.
-pub(super) struct Rows {
+pub(super) struct CloudRows {
     pub(super) centers: Vec<[Lanes; 3]>,
     pub(super) flat: Vec<[Lanes; 6]>,
     pub(super) areas: Vec<[Lanes; 1]>,
@@ -51,7 +52,7 @@ pub struct SurfelPlaces<'a> {
     through: Option<Vec<[Lanes; 3]>>,
 }
 
-impl Rows {
+impl CloudRows {
     /// Room for blocks of surfels, old numbers in it.
     pub(super) fn in_memory_of(columns: Columns, blocks: usize, has_colors: bool) -> Self {
         let Columns { centers, factors, strengths, colors, .. } = columns;
@@ -99,20 +100,18 @@ fn room<const N: usize>(column: Column<N>, blocks: usize) -> Vec<[Lanes; N]> {
 }
 
 impl SurfelPlaces<'_> {
-    /// Puts surfels behind those that have come; what there is no room for is left out.
+    /// Puts surfels behind those that have come; what there is no room for is left out. Rows of different lengths are refused: nothing
+    /// more is taken then, and what is missing of the range is an error.
     pub fn put(&mut self, rows: &SurfelRows) {
         let SurfelRows { centers, half_axes, through, areas, colors } = rows;
         let has_colors = !self.colors.is_empty();
-        let shortest = |rows: &[&[f32]]| rows.iter().map(|row| row.len()).min().unwrap_or(0);
-        let len = [
-            self.len - self.found,
-            areas.len(),
-            shortest(centers),
-            shortest(half_axes),
-            through.as_ref().map_or(usize::MAX, |through| shortest(through)),
-            if has_colors { shortest(colors) } else { usize::MAX },
-        ];
-        let len = len.into_iter().fold(usize::MAX, usize::min);
+        let colors_of_each: &[&[f32]] = if has_colors { colors } else { &[] };
+        let through_of_each: &[&[f32]] = through.as_ref().map_or(&[], |through| through);
+        let mut all = centers.iter().chain(half_axes).chain(through_of_each).chain(colors_of_each);
+        if !all.all(|row| row.len() == areas.len()) {
+            self.len = self.found;
+        }
+        let len = areas.len().min(self.len - self.found);
         let places = self.found..self.found + len;
         dispatch!(Level::best(), _simd => {
             copy(self.centers, places.clone(), centers);
@@ -132,7 +131,7 @@ impl SurfelPlaces<'_> {
     }
 
     /// Puts one surfel there.
-    pub fn put_one(&mut self, surfel: &Surfel) {
+    pub(super) fn put_one(&mut self, surfel: &Surfel) {
         let Surfel { center, factor, area, color } = surfel;
         let [a, b, c, d, e, f, through @ ..] = factor.to_cols_array();
         self.put(&SurfelRows {

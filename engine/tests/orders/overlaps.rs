@@ -45,11 +45,12 @@ fn reversed(cloud: &Cloud) -> Cloud {
 
 #[test]
 fn what_all_pixels_share_out_alike_is_as_if_each_did_it_by_itself() {
-    // Kernels that are all but round are all but equally far at all pixels of parallel rays: one number a slab does, at a tolerance of 1e-6. At a smaller
-    // one it is found pixel by pixel.
+    // Kernels that are all but round are all but equally far at all pixels of parallel rays: longer by 3e-6 along an axis that is turned by 10°, by
+    // 1e-6σ at a σ of the footprint from its middle, up to 2.6e-6 of the spread and its planes. At a tolerance of 1e-6 (8.7e-6 of them) one number
+    // a slab does, at 1e-9 it is found pixel by pixel.
     // Of three sizes, they touch from two to a dozen slabs, one after the other.
     let sizes = [haze(12, 0.7, 0.5), haze(9, 0.93, 0.3), haze(6, 1.4, 0.3)];
-    let stretched = DAffine3::from_scale(DVec3::new(1.0 + 1e-5, 1.0, 1.0));
+    let stretched = DAffine3::from_scale(DVec3::new(1.0, 1.0, 1.0 + 3e-6));
     let clouds = sizes.map(|cloud| cloud.transformed(scenes::tilted(10.0, DVec3::ZERO) * stretched));
     let camera = parallel(64);
     for thickness in [2.45, 2.0, 1.86, 1.7, 1.6, 1.5, 1.2, 0.8] {
@@ -67,9 +68,11 @@ fn what_all_pixels_share_out_alike_is_as_if_each_did_it_by_itself() {
         let found = apart_from(&by_pixel);
         // Roundings of sums of a hundred kernels.
         assert!(found <= 2e-5, "slabs of {thickness}: {found:e}");
+        // Of slabs that are thinner none touches so few.
+        assert_eq!(found > 0.0, thickness >= 1.5, "slabs of {thickness}: both ways are one");
         let depths = alike.expected_depth.iter().zip(&by_pixel.expected_depth);
-        let off = depths.filter(|(a, b)| a.is_finite() || b.is_finite()).map(|(a, b)| (a - b).abs());
-        let farthest = off.fold(0.0, f32::max);
+        let off = depths.map(|(a, b)| if a == b { 0.0 } else { (a - b).abs() });
+        let farthest = off.fold(0.0, |most: f32, off| if off <= most { most } else { off });
         // The same of z, which is 20.
         assert!(farthest <= 4e-4, "slabs of {thickness}: {farthest:e}");
         let colors = RenderSettings { channels: Channels::Color, ..settings };

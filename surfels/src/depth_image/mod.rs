@@ -76,7 +76,7 @@ pub enum DepthError {
         row: usize,
     },
     /// No pixel has a depth.
-    #[error("no pixel has a depth that is finite and above 0")]
+    #[error("no pixel has a depth that is finite, above 0 and large enough for its inverse to be finite")]
     NoDepth,
     /// No camera takes such pictures.
     #[error("the camera of the depth image: {0}")]
@@ -108,11 +108,16 @@ impl RgbdImage {
     /// When its camera is none, or an array is too long, too short or of colours that are not finite.
     pub fn check(&self) -> Result<(), DepthError> {
         self.check_shape()?;
-        let wrong = |(row, colors): (usize, &[[f32; 3]])| {
-            let column = colors.iter().position(|color| !color.iter().all(|c| c.is_finite()))?;
-            Some(DepthError::Color { column, row })
-        };
-        self.colors.par_chunks(self.size[0]).enumerate().find_map_first(wrong).map_or(Ok(()), Err)
+        let wrong = |row| self.check_colors(row).err();
+        (0..self.size[1]).into_par_iter().find_map_first(wrong).map_or(Ok(()), Err)
+    }
+
+    /// Says what is wrong with the colours of a row.
+    fn check_colors(&self, row: usize) -> Result<(), DepthError> {
+        let [width, _] = self.size;
+        let colors = &self.colors[row * width..][..width];
+        let column = colors.iter().position(|color| !color.iter().all(|c| c.is_finite()));
+        column.map_or(Ok(()), |column| Err(DepthError::Color { column, row }))
     }
 
     /// The same, but for colours.

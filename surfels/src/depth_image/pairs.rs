@@ -14,12 +14,12 @@ pub(super) struct Surfels<'a> {
     maker: &'a Maker<'a>,
     /// The number of those that were made last.
     pair: Option<usize>,
-    made: [Rows; 2],
+    made: [Square; 2],
 }
 
 /// The surfels of the known pixels of a square along its curve, in camera space.
 #[derive(Clone, Copy)]
-pub(super) struct Rows {
+pub(super) struct Square {
     len: usize,
     numbers: [[f32; AREA]; NUMBERS],
 }
@@ -31,7 +31,7 @@ pub(super) struct Sixteen<S: Simd> {
     pub(super) area: F<S>,
 }
 
-impl Rows {
+impl Square {
     const NONE: Self = Self { len: 0, numbers: [[0.0; AREA]; NUMBERS] };
 
     /// Leaves those of the known pixels of all in the square.
@@ -92,33 +92,32 @@ impl Rows {
         F::from_slice(simd, &self.numbers[number][first..first + LANES])
     }
 
-    pub(super) fn scale_areas(&mut self, shares: &[f32; AREA]) {
-        let [.., areas, _, _, _] = &mut self.numbers;
-        for (area, share) in areas.iter_mut().zip(shares).take(self.len) {
-            *area *= share;
-        }
+    pub(super) fn areas(&self) -> &[f32; AREA] {
+        &self.numbers[9]
     }
 }
 
 impl<'a> Surfels<'a> {
     pub(super) fn new(maker: &'a Maker<'a>) -> Self {
-        Self { maker, pair: None, made: [Rows::NONE; 2] }
+        Self { maker, pair: None, made: [Square::NONE; 2] }
     }
 
     /// Those of a square. It takes least to ask for one after the other.
-    pub(super) fn of(&mut self, square: usize) -> &mut Rows {
+    pub(super) fn of(&mut self, square: usize) -> &Square {
         let pair = square / 2;
         if self.pair != Some(pair) {
             self.pair = Some(pair);
             let known = [2 * pair, 2 * pair + 1].map(|square| self.maker.squares.known(square));
             dispatch!(self.maker.level, simd => {
-                self.make(simd, pair);
+                if known.iter().any(|known| known.count() > 0) {
+                    self.make(simd, pair);
+                }
                 for (rows, known) in self.made.iter_mut().zip(known) {
                     rows.keep(simd, known);
                 }
             });
         }
-        &mut self.made[square % 2]
+        &self.made[square % 2]
     }
 
     /// Makes those of all pixels of a pair.

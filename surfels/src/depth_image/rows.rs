@@ -25,22 +25,19 @@ impl ImageRows {
         let rows = inverses.rows().zip(red.zip(green).zip(blue)).enumerate();
         let sum_of = |(row, (inverses, ((red, green), blue)))| dispatch!(level, simd => take_in(simd, (image, row), (inverses, [red, green, blue])));
         // Summed by rows: the same for any number of threads.
-        let sums: Vec<Option<f64>> = rows.map(sum_of).collect();
-        match sums.into_iter().sum() {
-            Some(depth_sum) => Ok(Self { inverses, colors, depth_sum }),
-            // Some colour is wrong: which?
-            None => Err(image.check().err().unwrap_or(DepthError::NoDepth)),
-        }
+        let sums: Vec<Result<f64, DepthError>> = rows.map(sum_of).collect();
+        let depth_sum = sums.into_iter().sum::<Result<f64, _>>()?;
+        Ok(Self { inverses, colors, depth_sum })
     }
 }
 
-/// Takes in a row of an image: inverse depths, 0 where unknown, and colours. Gives the sum of the depths; nothing where a colour is not finite.
+/// Takes in a row of an image: inverse depths, 0 where unknown, and colours. Gives the sum of the depths.
 #[inline(always)]
 fn take_in<S: Simd>(
     simd: S,
     (image, row): (&RgbdImage, usize),
     (inverses, [red, green, blue]): (&mut [f32], [&mut [f32]; 3]),
-) -> Option<f64> {
+) -> Result<f64, DepthError> {
     let width = image.size[0];
     let first = row * width;
     let mut are_finite = true;
@@ -48,6 +45,9 @@ fn take_in<S: Simd>(
     for (x, color) in image.colors[first..][..width].iter().enumerate() {
         [red[x], green[x], blue[x]] = *color;
         are_finite &= color[0].is_finite() & color[1].is_finite() & color[2].is_finite();
+    }
+    if !are_finite {
+        image.check_colors(row)?;
     }
     let (zero, one, infinity) = (splat(simd, 0.0), splat(simd, 1.0), splat(simd, f32::INFINITY));
     let mut sum = zero;
@@ -68,5 +68,5 @@ fn take_in<S: Simd>(
         sum += is_known.select(depth, zero);
     }
     let sums: [f32; LANES] = sum.into();
-    are_finite.then(|| sums.into_iter().map(f64::from).sum())
+    Ok(sums.into_iter().map(f64::from).sum())
 }

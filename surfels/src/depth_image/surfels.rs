@@ -2,14 +2,14 @@
 
 use super::edges::{Edges, STEEPEST, Steps};
 use super::lanes::*;
-use super::pairs::{NUMBERS, Rows, Surfels};
+use super::pairs::{NUMBERS, Square, Surfels};
 use super::plane::Planes;
 use super::rows::ImageRows;
 use super::squares::{AREA, Squares};
 use super::{DepthError, RgbdImage};
 use oblate_engine::cloud::Material;
 use oblate_engine::simd::Level;
-use oblate_engine::{Closed, Cloud, Intrinsics, SurfelLook, SurfelPlaces};
+use oblate_engine::{Closed, Cloud, Intrinsics, SurfelLook, SurfelPlaces, SurfelRows};
 use std::ops::Range;
 
 /// σ of a pixel's kernel in pixels of the depth image. Sums of such kernels on a lattice are 1 ± 0.07, and colours are means under them.
@@ -62,7 +62,7 @@ pub fn depth_surfels(image: &RgbdImage, settings: &DepthSettings) -> Result<Clou
 }
 
 /// As much of the areas of a square's surfels as counts.
-pub(super) type Share<'a> = &'a (dyn Fn(&Rows) -> [f32; AREA] + Sync);
+pub(super) type Share<'a> = &'a (dyn Fn(&Square) -> [f32; AREA] + Sync);
 
 /// An image whose surfaces are known.
 pub(super) struct Maker<'a> {
@@ -73,8 +73,8 @@ pub(super) struct Maker<'a> {
     rows: ImageRows,
     edges: Edges,
     /// The image's, in single precision.
-    focal: [f32; 2],
-    center: [f32; 2],
+    pub(super) focal: [f32; 2],
+    pub(super) center: [f32; 2],
 }
 
 /// What a [`Maker`] leaves for the next.
@@ -133,11 +133,14 @@ impl<'a> Maker<'a> {
         let mut surfels = self.surfels();
         let (squares, mut before) = self.squares.with(numbers);
         for square in squares {
-            let rows = surfels.of(square);
+            let square = surfels.of(square);
+            let mut areas = *square.areas();
             if let Some(share) = share {
-                rows.scale_areas(&share(rows));
+                for (area, share) in areas.iter_mut().zip(share(square)) {
+                    *area *= share;
+                }
             }
-            places.put(&rows.since(before));
+            places.put(&SurfelRows { areas: &areas[before..square.len()], ..square.since(before) });
             before = 0;
         }
     }
@@ -264,8 +267,8 @@ mod tests {
     use super::*;
     use crate::depth_image::room::Room;
     use crate::depth_image::squares::SIDE;
-    use glam::{DVec2, Vec3};
-    use oblate_engine::CameraError;
+    use glam::DVec2;
+    use oblate_engine::{CameraError, Strength};
 
     /// All sets of instructions give the same surfels but for rounding.
     #[test]
@@ -306,11 +309,18 @@ mod tests {
             squares.flat_map(|square| maker.squares.pixels_of(square).enumerate().map(move |p| (square, p)));
         let mut i = 0;
         for (square, (place, pixel)) in all {
-            let center = Vec3::from(maker.surfels().of(square).center(place));
-            assert_eq!(center, splats.centers[i], "{pixel:?}");
+            let mut surfels = maker.surfels();
+            let own = surfels.of(square);
+            let ([center, u, v], area) = own.surfel(place);
+            assert_eq!(center, splats.centers[i].as_dvec3(), "{pixel:?}");
+            let factor = splats.shapes.factor(i);
+            assert_eq!([u, v], [factor.x_axis.as_dvec3(), factor.y_axis.as_dvec3()], "{pixel:?}");
+            let Strength::Surface(surface) = &splats.strength else { panic!("surfels are of a surface") };
+            assert_eq!(area, f64::from(surface.areas[i]), "{pixel:?}");
+            let color = own.since(place).colors.map(|row| row[0]);
+            assert_eq!(color, splats.colors[i], "{pixel:?}");
             // It is moved by less than a pixel where its surface ends.
-            let seen = center.as_dvec3();
-            let seen = seen.truncate() / seen.z * image.intrinsics.focal + image.intrinsics.center;
+            let seen = center.truncate() / center.z * image.intrinsics.focal + image.intrinsics.center;
             let off = seen - DVec2::from(pixel.map(|x| f64::from(x) + 0.5));
             assert!(off.abs().max_element() < 0.5, "{pixel:?}: {off}");
             i += 1;

@@ -1,13 +1,13 @@
 //! Several depth images in one picture.
 
 use super::lanes::*;
-use super::pairs::{Rows, Sixteen, Surfels};
+use super::pairs::{Sixteen, Square, Surfels};
 use super::squares::{AREA, SIDE};
 use super::surfels::{Maker, Memory};
 use super::{DepthError, DepthSettings, RgbdImage};
 use glam::DAffine3;
 use oblate_engine::simd::dispatch;
-use oblate_engine::{Camera, Cloud, Intrinsics, Projection};
+use oblate_engine::{Camera, Cloud, Projection};
 use rayon::prelude::*;
 
 /// The surfels of several depth images, a cloud for each, as they are best seen by `view`: where more than one shows a surface, each
@@ -33,12 +33,26 @@ pub struct DepthSampler {
 }
 
 impl DepthSampler {
-    /// Makes clouds what [`merged_depth_surfels`] gives, in the memory that they have ([`Cloud::renew`]). Of a single image that is the same for all
-    /// views.
+    /// Makes clouds what [`merged_depth_surfels`] gives, one for each image, in the memory that they have ([`Cloud::renew`]). Of a single image that
+    /// is the same for all views.
     ///
     /// # Errors
-    /// Those of [`super::depth_surfels`]. Then some clouds may be empty, and others as they were.
+    /// Those of [`super::depth_surfels`]. Then there are no clouds.
     pub fn sample(
+        &mut self,
+        clouds: &mut Vec<Cloud>,
+        images: &[RgbdImage],
+        view: &Camera,
+        settings: &DepthSettings,
+    ) -> Result<(), DepthError> {
+        let sampled = self.try_sample(clouds, images, view, settings);
+        if sampled.is_err() {
+            clouds.clear();
+        }
+        sampled
+    }
+
+    fn try_sample(
         &mut self,
         clouds: &mut Vec<Cloud>,
         images: &[RgbdImage],
@@ -57,7 +71,7 @@ impl DepthSampler {
             let qualities: Vec<Vec<f32>> = views.iter().map(View::qualities).collect();
             for (own, cloud) in clouds.iter_mut().enumerate() {
                 let shares = Shares::new(own, &views, &qualities);
-                views[own].maker.renew(cloud, settings, Some(&|rows| shares.of(rows)))?;
+                views[own].maker.renew(cloud, settings, Some(&|square| shares.of(square)))?;
             }
         }
         self.memory = makers.into_iter().map(Maker::into_memory).collect();
@@ -82,10 +96,10 @@ impl<'a> Shares<'a> {
     }
 
     /// Those of a square's surfels.
-    fn of(&self, rows: &Rows) -> [f32; AREA] {
-        let mut shares = self.own.qualities_of(rows);
-        for (number, share) in shares.iter_mut().enumerate().take(rows.len()) {
-            let center = rows.center(number);
+    fn of(&self, square: &Square) -> [f32; AREA] {
+        let mut shares = self.own.qualities_of(square);
+        for (number, share) in shares.iter_mut().enumerate().take(square.len()) {
+            let center = square.center(number);
             let seen = |(view, there, qualities): &(&View, Affine, &[f32])| {
                 Some(qualities[view.pixel_of(there.point(center))?])
             };
@@ -114,9 +128,6 @@ impl Affine {
 /// An image beside the new view.
 struct View<'a> {
     maker: &'a Maker<'a>,
-    /// Single precision, as its camera sees it.
-    focal: [f32; 2],
-    center: [f32; 2],
     /// The new view's z, where its eye is, and, where its rays are parallel, where they go to, in its camera's space.
     new_z: [f32; 4],
     eye: [f32; 3],
@@ -128,14 +139,10 @@ struct View<'a> {
 impl<'a> View<'a> {
     fn new(maker: &'a Maker<'a>, new: &Camera) -> Self {
         let own = maker.image.pose.world_to_camera;
-        let Intrinsics { focal, center } = maker.image.intrinsics;
-        let [focal, center] = [focal, center].map(|v| v.as_vec2().to_array());
         let (pose, new_focal) = (new.pose(), new.intrinsics().focal);
         let along = own.transform_vector3(pose.forward()).as_vec3().to_array();
         Self {
             maker,
-            focal,
-            center,
             new_z: Affine::new(pose.world_to_camera * own.inverse()).0[2],
             eye: own.transform_point3(pose.eye()).as_vec3().to_array(),
             along: (new.projection() == Projection::Orthographic).then_some(along),
@@ -161,11 +168,11 @@ impl<'a> View<'a> {
     }
 
     /// Those of a square's surfels.
-    fn qualities_of(&self, rows: &Rows) -> [f32; AREA] {
+    fn qualities_of(&self, square: &Square) -> [f32; AREA] {
         let mut qualities = [0.0; AREA];
         dispatch!(self.maker.level, simd => {
             for first in (0..AREA).step_by(LANES) {
-                self.quality(simd, rows.sixteen(simd, first)).store_slice(&mut qualities[first..first + LANES]);
+                self.quality(simd, square.sixteen(simd, first)).store_slice(&mut qualities[first..first + LANES]);
             }
         });
         qualities
@@ -193,8 +200,11 @@ impl<'a> View<'a> {
         };
         let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
         let length = dot::<S>(normal, normal).sqrt();
-        let along_normal = dot::<S>(normal, from_eye).abs() / length;
+        // A surfel without a normal is as if it were seen edge-on.
+        let along_normal = length.simd_gt(zero).select(dot::<S>(normal, from_eye).abs() / length, zero);
         let spread = area * self.pixels_per_area * pixels * along_normal;
+        // Trust falls as the new view turns away from the one that a sample was taken from, and faster with the pixels that it is blurred over: a
+        // coarse sample hardly counts beside a fine one.
         let turned = dot::<S>(from_eye, ray).max(zero);
         let cosine_squared = turned * turned / (dot::<S>(from_eye, from_eye) * dot::<S>(ray, ray));
         let blur = spread.max(one);
@@ -206,8 +216,8 @@ impl<'a> View<'a> {
 
     /// The pixel that shows a place of its camera's space.
     fn pixel_of(&self, [x, y, z]: [f32; 3]) -> Option<usize> {
-        let image = self.maker.image;
-        let at = [0, 1].map(|axis| self.focal[axis] * [x, y][axis] / z + self.center[axis]);
+        let Maker { image, focal, center, .. } = self.maker;
+        let at = [0, 1].map(|axis| focal[axis] * [x, y][axis] / z + center[axis]);
         let inside = (0..2).all(|axis| at[axis] >= 0.0 && at[axis] < image.size[axis] as f32);
         let pixel = (z > 0.0 && inside).then(|| at[1] as usize * image.size[0] + at[0] as usize)?;
         let depth = image.along_axis(pixel, image.depths[pixel]);
@@ -230,8 +240,8 @@ mod tests {
     use super::*;
     use crate::depth_image::room::Room;
     use glam::{DMat3, DVec2, DVec3};
-    use oblate_engine::Pose;
     use oblate_engine::simd::Level;
+    use oblate_engine::{Intrinsics, Pose};
 
     /// In double precision and in the world: of a surfel by its centre, half-axes and area in its camera's space.
     fn quality(own: &Camera, new: &Camera, [center, u, v]: [DVec3; 3], area: f64) -> f64 {
@@ -280,7 +290,9 @@ mod tests {
                         let (vectors, area) = rows.surfel(number);
                         let right = quality(&own, new, vectors, area);
                         let found = f64::from(found[usize::from(y) * image.size[0] + usize::from(x)]);
-                        // Roundings of some tens of operations, to the fourth power and the third.
+                        // Roundings of some tens of operations, to the fourth power and the third. What is spread over more than two
+                        // hundred pixels, and below 1e-7, lies near the plane of the new eye, where the depth is a difference of
+                        // larger numbers.
                         assert!(
                             (found - right).abs() <= 1e-4 * right + 1e-7,
                             "{level:?}: {found} for {right}"
@@ -291,5 +303,42 @@ mod tests {
             }
         }
         assert!(of_use[0] > 100 && of_use[1] > 1000, "{of_use:?}");
+    }
+
+    /// Places of one image's surfels in another are those of the formula in double precision, but beside borders of pixels.
+    #[test]
+    fn a_place_is_seen_by_its_pixel() {
+        let cameras = [Room.camera(96), Room.other_camera(75)].map(|camera| camera.expect("a camera"));
+        let images = cameras.each_ref().map(|camera| Room.image(camera));
+        let makers =
+            images.each_ref().map(|image| Maker::new(image, Memory::default()).expect("the image is one"));
+        let views = makers.each_ref().map(|maker| View::new(maker, &cameras[0]));
+        let own_to_other = cameras[1].pose().world_to_camera * cameras[0].pose().world_to_camera.inverse();
+        let lead = Affine::new(own_to_other);
+        let (mut surfels, mut counts) = (makers[0].surfels(), [0; 2]);
+        for square in (0..images[0].size[1].div_ceil(SIDE)).flat_map(|row| makers[0].squares.in_row(row)) {
+            let own = surfels.of(square);
+            for number in 0..own.len() {
+                let center = DVec3::from(own.center(number).map(f64::from));
+                let there = own_to_other.transform_point3(center);
+                let at =
+                    images[1].intrinsics.focal * there.truncate() / there.z + images[1].intrinsics.center;
+                let inside = at.cmpge(DVec2::ZERO).all() && at.x < 75.0 && at.y < images[1].size[1] as f64;
+                let pixel = at.y as usize * 75 + at.x as usize;
+                let depth = if inside && there.z > 0.0 { images[1].depths[pixel] } else { 0.0 };
+                let focal = images[1].intrinsics.focal.min_element();
+                // In steps that are one surface, of 10.6 pixel widths.
+                let steps = (f64::from(depth) - there.z).abs() * focal / there.z.min(f64::from(depth)) / 10.6;
+                let is_near_border =
+                    (at - at.round()).abs().min_element() < 1e-3 || (steps - 1.0).abs() < 1e-3;
+                if is_near_border {
+                    continue;
+                }
+                let expected = (depth > 0.0 && steps <= 1.0).then_some(pixel);
+                assert_eq!(views[1].pixel_of(lead.point(own.center(number))), expected, "{at}");
+                counts[usize::from(expected.is_some())] += 1;
+            }
+        }
+        assert!(counts[0] > 500 && counts[1] > 3000, "{counts:?}");
     }
 }

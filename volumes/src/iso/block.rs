@@ -134,7 +134,7 @@ impl Chunk {
         places.put(&SurfelRows {
             centers: [x, y, z],
             half_axes,
-            through: (!is_flat).then(|| through.each_ref().map(|row| &row[..])),
+            through: (!is_flat).then(|| through.each_ref().map(|row| &row[..areas.len()])),
             areas,
             colors: [&[]; 3],
         });
