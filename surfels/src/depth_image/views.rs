@@ -45,35 +45,24 @@ impl DepthSampler {
         view: &Camera,
         settings: &DepthSettings,
     ) -> Result<(), DepthError> {
-        let sampled = self.try_sample(clouds, images, view, settings);
-        if sampled.is_err() {
-            clouds.clear();
-        }
-        sampled
-    }
-
-    fn try_sample(
-        &mut self,
-        clouds: &mut Vec<Cloud>,
-        images: &[RgbdImage],
-        view: &Camera,
-        settings: &DepthSettings,
-    ) -> Result<(), DepthError> {
+        // Put back when all are made.
+        let mut made = std::mem::take(clouds);
         let mut memory = std::mem::take(&mut self.memory);
         memory.resize_with(images.len(), Memory::default);
         let makers = images.iter().zip(memory).map(|(image, memory)| Maker::new(image, memory));
         let makers = makers.collect::<Result<Vec<_>, _>>()?;
-        clouds.resize_with(images.len(), Cloud::default);
-        if let ([maker], [cloud]) = (&makers[..], &mut clouds[..]) {
+        made.resize_with(images.len(), Cloud::default);
+        if let ([maker], [cloud]) = (&makers[..], &mut made[..]) {
             maker.renew(cloud, settings, None)?;
         } else {
             let views: Vec<View> = makers.iter().map(|maker| View::new(maker, view)).collect();
             let qualities: Vec<Vec<f32>> = views.iter().map(View::qualities).collect();
-            for (own, cloud) in clouds.iter_mut().enumerate() {
+            for (own, cloud) in made.iter_mut().enumerate() {
                 let shares = Shares::new(own, &views, &qualities);
                 views[own].maker.renew(cloud, settings, Some(&|square| shares.of(square)))?;
             }
         }
+        *clouds = made;
         self.memory = makers.into_iter().map(Maker::into_memory).collect();
         Ok(())
     }
