@@ -23,7 +23,10 @@ impl ImageRows {
         let mut colors = memory.colors.map(|old| old.renewed(image.size));
         let [red, green, blue] = colors.each_mut().map(Bordered::rows);
         let rows = inverses.rows().zip(red.zip(green).zip(blue)).enumerate();
-        let sum_of = |(row, (inverses, ((red, green), blue)))| dispatch!(level, simd => take_in(simd, (image, row), (inverses, [red, green, blue])));
+        let sum_of = |(row, (inverses, ((red, green), blue)))| {
+            let to = (inverses, [red, green, blue]);
+            dispatch!(level, simd => take_in(simd, (image, row), to))
+        };
         // Summed by rows: the same for any number of threads.
         let sums: Vec<Result<f64, DepthError>> = rows.map(sum_of).collect();
         let depth_sum = sums.into_iter().sum::<Result<f64, _>>()?;
