@@ -1,13 +1,12 @@
 //! Closing slab by slab: optical depths, and colours times these, are summed up in any order.
 //!
-//! The first two open slabs are in registers while kernels come that touch no others, and a third while level ones come that touch three;
-//! for all else, they are in memory.
+//! The first three open slabs are in registers, those behind them in memory.
 
 use super::before;
 use super::opening::{Fragment, Opening, Plain};
 use super::seen::{Seeing, Seen};
-use super::spread::{Cumulative, Matter};
-use super::sums::{OpenSlabs, Sum};
+use super::spread::{Cumulative, Matter, Shares};
+use super::sums::{NEAR, OpenSlabs, Sum};
 use crate::closing::{Closing, Slabs};
 use crate::raster::Kernels;
 use crate::simd::*;
@@ -16,7 +15,7 @@ use crate::simd::*;
 #[derive(Clone, Copy)]
 pub(super) struct Slabbed<S: Simd> {
     seen: Seeing<S>,
-    near: [Sum<S>; 2],
+    near: [Sum<S>; NEAR as usize],
     first: u32,
     end: u32,
 }
@@ -29,14 +28,17 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
 
     #[inline(always)]
     fn load(simd: S, seen: &Seen, open: &mut OpenSlabs) -> Self {
-        let near = [open.take(simd, open.first), open.take(simd, open.first + 1)];
-        Self { seen: Seeing::load(simd, seen), near, first: open.first, end: open.end }
+        let (first, end) = (open.first, open.end);
+        Self { seen: Seeing::load(simd, seen), near: open.take_near(simd), first, end }
     }
 
     #[inline(always)]
     fn store(self, seen: &mut Seen, open: &mut OpenSlabs) {
         self.seen.store(seen);
-        self.store_near(open);
+        (open.first, open.end) = (self.first, self.end);
+        for (slab, sum) in (self.first..).zip(&self.near) {
+            sum.store(open.slab(slab));
+        }
     }
 
     #[inline(always)]
@@ -65,26 +67,12 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
             let set = before(rest, rest & (level | !narrow));
             self.add_narrow::<DEPTH>(simd, Plain { set, ..plain }, slabs, open);
             rest ^= set;
-            let in_three = before(rest, rest & !level_in_three);
-            let set = if in_three != 0 { in_three } else { before(rest, rest & (narrow | level_in_three)) };
+            let set = before(rest, rest & !level_in_three);
+            self.add_level::<DEPTH, true>(simd, Plain { set, ..plain }, slabs, open);
             rest ^= set;
-            if set != 0 {
-                // A function of its own takes no registers from the other ways.
-                let mut copy = *self;
-                *self = apart(
-                    simd,
-                    #[inline(always)]
-                    || {
-                        let plain = Plain { set, ..plain };
-                        if in_three != 0 {
-                            copy.add_level::<DEPTH, true>(simd, plain, slabs, open);
-                        } else {
-                            copy.add_wide::<DEPTH>(simd, plain, slabs, open);
-                        }
-                        copy
-                    },
-                );
-            }
+            let set = before(rest, rest & (narrow | level_in_three));
+            rest ^= set;
+            self.add_wide::<DEPTH>(simd, Plain { set, ..plain }, slabs, open);
         }
     }
 
@@ -120,11 +108,7 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
             self.share_between::<DEPTH>(simd, (kernels, number), (matter, share), slabs);
             return;
         }
-        self.store_near(open);
-        open.close_before::<S, DEPTH>(simd, first, (&mut self.seen, slabs.thickness()));
-        let range = kernels.slabs_in(number, corner, slabs);
-        open.add::<S, DEPTH>(simd, (kernels, number, range), matter, slabs);
-        self.load_near(simd, open);
+        self.share_out::<DEPTH>(simd, (kernels, number, corner), matter, (slabs, open));
     }
 
     #[inline(always)]
@@ -136,31 +120,16 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
 }
 
 impl<S: Simd> Slabbed<S> {
-    #[inline(always)]
-    fn load_near(&mut self, simd: S, open: &mut OpenSlabs) {
-        (self.first, self.end) = (open.first, open.end);
-        self.near = [open.take(simd, open.first), open.take(simd, open.first + 1)];
-    }
-
-    #[inline(always)]
-    fn store_near(&self, open: &mut OpenSlabs) {
-        (open.first, open.end) = (self.first, self.end);
-        self.near[0].store(open.slab(self.first));
-        self.near[1].store(open.slab(self.first + 1));
-    }
-
     /// Closes slabs until `first` is the first one.
     #[inline(always)]
     fn close_before<const DEPTH: bool>(&mut self, simd: S, first: u32, thickness: f32, open: &mut OpenSlabs) {
         while self.first < first.min(self.end) {
-            let [sum, next] = self.near;
+            let [sum, second, third] = self.near;
             sum.close::<DEPTH>(simd, &mut self.seen, thickness);
             self.first += 1;
-            self.near[0] = next;
-            self.near[1] = Sum::zero(simd);
-            if self.first + 1 < self.end {
-                self.near[1] = open.take(simd, self.first + 1);
-            }
+            let last = self.first + NEAR - 1;
+            let next = if last < self.end { open.take(simd, last) } else { Sum::zero(simd) };
+            self.near = [second, third, next];
         }
         self.first = self.first.max(first);
     }
@@ -204,29 +173,17 @@ impl<S: Simd> Slabbed<S> {
         open: &mut OpenSlabs,
     ) {
         let Plain { kernels, pixels, .. } = plain;
-        let mut third = if IN_THREE { open.take(simd, self.first + 2) } else { Sum::zero(simd) };
+        let count = if IN_THREE { NEAR } else { 2 };
         while let Some(number) = plain.next() {
             let first = kernels.slabs.first[number];
             if first != self.first {
-                if IN_THREE {
-                    third.store(open.slab(self.first + 2));
-                }
                 self.close_before::<DEPTH>(simd, first, slabs.thickness(), open);
-                if IN_THREE {
-                    third = open.take(simd, self.first + 2);
-                }
             }
-            self.end = self.end.max(first + if IN_THREE { 3 } else { 2 });
+            self.end = self.end.max(first + count);
             let weight = kernels.plain_weight::<S, DEPTH>(simd, number, pixels);
-            for (slab, sum) in self.near.iter_mut().enumerate() {
+            for (slab, sum) in self.near.iter_mut().enumerate().take(count as usize) {
                 sum.add_grain::<DEPTH>(simd, weight, &kernels.slabs.grain(number, slab));
             }
-            if IN_THREE {
-                third.add_grain::<DEPTH>(simd, weight, &kernels.slabs.grain(number, 2));
-            }
-        }
-        if IN_THREE {
-            third.store(open.slab(self.first + 2));
         }
     }
 
@@ -259,20 +216,41 @@ impl<S: Simd> Slabbed<S> {
         slabs: &Slabs,
         open: &mut OpenSlabs,
     ) {
-        self.store_near(open);
         let Plain { kernels, pixels, corner, .. } = plain;
         while let Some(number) = plain.next() {
-            let first = kernels.slabs.first[number];
-            open.close_before::<S, DEPTH>(simd, first, (&mut self.seen, slabs.thickness()));
             let optical_depth = kernels.plain_optical_depth(simd, number, pixels);
             let depth = if DEPTH { kernels.depth_at(simd, number, pixels) } else { optical_depth };
             let distance = kernels.affine_distance(simd, number, pixels);
-            let range = kernels.slabs_in(number, corner, slabs);
             let inverse = W::simd_from(simd, kernels.slabs.inverse(number));
             let matter = Matter { optical_depth, depth, distance, inverse, segment: None };
-            open.add::<S, DEPTH>(simd, (kernels, number, range), matter, slabs);
+            self.share_out::<DEPTH>(simd, (kernels, number, corner), matter, (slabs, open));
         }
-        self.load_near(simd, open);
+    }
+
+    /// Shares a kernel out between the slabs that it touches in the block with a corner.
+    #[inline(always)]
+    fn share_out<const DEPTH: bool>(
+        &mut self,
+        simd: S,
+        (kernels, number, corner): (&Kernels, usize, [f32; 2]),
+        matter: Matter<S>,
+        (slabs, open): (&Slabs, &mut OpenSlabs),
+    ) {
+        self.close_before::<DEPTH>(simd, kernels.slabs.first[number], slabs.thickness(), open);
+        let [first, last] = kernels.slabs_in(number, corner, slabs);
+        let share = kernels.slabs.share(number, [first, last]);
+        let color = kernels.color(number);
+        let mut shares = Shares::before(simd, (&share, matter), (slabs, self.first));
+        let last = last.max(self.first + NEAR - 1);
+        self.end = self.end.max(last + 1);
+        for (slab, sum) in (self.first..).zip(&mut self.near) {
+            let own = shares.next::<DEPTH>(simd, (slabs, slab), slab == last && share.ends);
+            sum.add::<DEPTH>(simd, own, color);
+        }
+        for slab in self.first + NEAR..=last {
+            let own = shares.next::<DEPTH>(simd, (slabs, slab), slab == last && share.ends);
+            open.slab(slab).add::<S, DEPTH>(simd, own, color);
+        }
     }
 
     /// Adds plain kernels to the sheets of their centres.

@@ -1,6 +1,6 @@
 //! How a kernel, or what surfaces leave of it, is spread over slabs.
 
-use crate::closing::{self, BOX, share_of_box, share_of_normal};
+use crate::closing::{self, BOX, Slabs, share_of_box, share_of_normal};
 use crate::raster::SlabShare;
 use crate::simd::*;
 
@@ -78,6 +78,53 @@ impl<S: Simd> Cumulative<S> {
                 (share_before(simd, x, self.normal_part) - *passed) * *scale
             }
         }
+    }
+}
+
+/// What slabs have of a kernel, one after the other.
+pub(super) struct Shares<S: Simd> {
+    matter: Matter<S>,
+    cumulative: Cumulative<S>,
+    /// Where the next slab begins, in σ of the kernel, and what of the optical depth lies before.
+    begin: W<S>,
+    passed: W<S>,
+}
+
+impl<S: Simd> Shares<S> {
+    /// Before a slab.
+    #[inline(always)]
+    pub(super) fn before(
+        simd: S,
+        (share, matter): (&SlabShare, Matter<S>),
+        (slabs, slab): (&Slabs, u32),
+    ) -> Self {
+        let cumulative = Cumulative::new(simd, share, &matter);
+        let begin = (W::simd_from(simd, slabs.begin(slab)) - matter.distance) * matter.inverse;
+        let mut passed = W::simd_from(simd, 0.0);
+        if share.goes_on {
+            passed = matter.optical_depth * cumulative.before(simd, begin);
+        }
+        Self { matter, cumulative, begin, passed }
+    }
+
+    /// The optical depth in the next slab, and its mean z; all that is left if `gets_rest`.
+    #[inline(always)]
+    pub(super) fn next<const DEPTH: bool>(
+        &mut self,
+        simd: S,
+        (slabs, slab): (&Slabs, u32),
+        gets_rest: bool,
+    ) -> (W<S>, W<S>) {
+        let Matter { optical_depth, inverse, .. } = self.matter;
+        self.begin = inverse.mul_add(W::simd_from(simd, slabs.thickness()), self.begin);
+        let mut until = optical_depth;
+        if !gets_rest {
+            until *= self.cumulative.before(simd, self.begin);
+        }
+        // No share is negative, which rounding may make it: of a large enough optical depth it would be a light.
+        let own = (until - self.passed).max(W::simd_from(simd, 0.0));
+        self.passed = until;
+        (own, self.matter.depth_in::<DEPTH>(simd, (slabs.begin(slab), slabs.thickness())))
     }
 }
 

@@ -1,14 +1,15 @@
 //! What lies in open slabs, along the rays of a block.
 
 use super::seen::Seeing;
-use super::spread::{Cumulative, Matter};
-use crate::closing::Slabs;
-use crate::raster::{Grain, Kernels};
+use crate::raster::Grain;
 use crate::simd::*;
 use crate::tile::Plane;
 
 /// Slabs that may be open at once, a power of two; a kernel that reaches over more of them comes in pieces.
 pub(super) const MOST_OPEN: u32 = 16;
+
+/// The first of them are in registers, as many as level kernels touch at most.
+pub(super) const NEAR: u32 = 3;
 
 /// What lies in a slab, along the rays of a block.
 #[derive(Clone, Copy)]
@@ -64,63 +65,17 @@ impl OpenSlabs {
         sum
     }
 
-    /// Closes slabs that are all in memory, until `first` is the first one.
+    /// Takes the first ones.
     #[inline(always)]
-    pub(super) fn close_before<S: Simd, const DEPTH: bool>(
-        &mut self,
-        simd: S,
-        first: u32,
-        (seen, thickness): (&mut Seeing<S>, f32),
-    ) {
-        while self.first < first.min(self.end) {
-            self.take(simd, self.first).close::<DEPTH>(simd, seen, thickness);
-            self.first += 1;
-        }
-        self.first = self.first.max(first);
-    }
-
-    /// Adds a kernel to the slabs of a range.
-    #[inline(always)]
-    pub(super) fn add<S: Simd, const DEPTH: bool>(
-        &mut self,
-        simd: S,
-        (kernels, number, [first, last]): (&Kernels, usize, [u32; 2]),
-        matter: Matter<S>,
-        slabs: &Slabs,
-    ) {
-        let color = kernels.color(number);
-        let share = kernels.slabs.share(number, [first, last]);
-        let Matter { optical_depth, distance, inverse, .. } = matter;
-        let cumulative = Cumulative::new(simd, &share, &matter);
-        // How far the ends of slabs are behind the kernel, in its σ.
-        let mut x = (W::simd_from(simd, slabs.begin(first)) - distance) * inverse;
-        let step = inverse * slabs.thickness();
-        // No share is negative, which rounding may make it: of a large enough optical depth it would be a light.
-        let zero = W::simd_from(simd, 0.0);
-        let mut passed = zero;
-        if share.goes_on {
-            passed = optical_depth * cumulative.before(simd, x);
-        }
-        self.end = self.end.max(last + 1);
-        for slab in first..last {
-            x += step;
-            let until = optical_depth * cumulative.before(simd, x);
-            let depth = matter.depth_in::<DEPTH>(simd, (slabs.begin(slab), slabs.thickness()));
-            self.slab(slab).add::<S, DEPTH>(simd, ((until - passed).max(zero), depth), color);
-            passed = until;
-        }
-        let mut until = optical_depth;
-        if !share.ends {
-            until *= cumulative.before(simd, x + step);
-        }
-        let depth = matter.depth_in::<DEPTH>(simd, (slabs.begin(last), slabs.thickness()));
-        self.slab(last).add::<S, DEPTH>(simd, ((until - passed).max(zero), depth), color);
+    pub(super) fn take_near<S: Simd>(&mut self, simd: S) -> [Sum<S>; NEAR as usize] {
+        let first = self.first;
+        [self.take(simd, first), self.take(simd, first + 1), self.take(simd, first + 2)]
     }
 }
 
 impl Kept {
     #[inline(always)]
-    fn add<S: Simd, const DEPTH: bool>(
+    pub(super) fn add<S: Simd, const DEPTH: bool>(
         &mut self,
         simd: S,
         (optical_depth, depth): (W<S>, W<S>),
