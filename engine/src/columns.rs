@@ -1,5 +1,6 @@
 //! A cloud's splats as the footprint stage reads them: eight at a time, each number in a row of its own.
 
+mod colors;
 mod harmonics;
 mod repeated;
 
@@ -8,6 +9,7 @@ use crate::cloud::{Material, OpacityFilter, Shapes, Splats, Strength, Surface};
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
+pub(crate) use colors::Colors;
 pub(crate) use harmonics::PackedHarmonics;
 pub(crate) use repeated::Repeated;
 
@@ -53,6 +55,11 @@ impl<const N: usize> Column<N> {
     /// Whether one block stands for all.
     fn is_alike(&self) -> bool {
         matches!(&self.0[..], [] | [_]) && self.0.iter().flatten().all(|row| *row == [row[0]; LANES])
+    }
+
+    /// Whether it has one row for all of its splats, of which there are some.
+    fn is_one(&self) -> bool {
+        !self.0.is_empty() && self.is_alike()
     }
 
     /// The column of finished blocks.
@@ -187,7 +194,7 @@ pub(crate) struct Columns {
     pub(crate) strengths: Repeated<1>,
     /// Opacities of a surface; `None` is opaque.
     pub(crate) opacities: Option<Column<1>>,
-    pub(crate) colors: Repeated<3>,
+    pub(crate) colors: Colors,
     pub(crate) harmonics: Option<PackedHarmonics>,
     pub(crate) normals: Option<Column<3>>,
     /// Of surfels that stand for others, see `levels::Orientation`. They stay in their order.
@@ -207,7 +214,7 @@ impl Default for Columns {
             kind: Kind::Extinction,
             strengths: Repeated::default(),
             opacities: None,
-            colors: Repeated::default(),
+            colors: Colors::default(),
             harmonics: None,
             normals: None,
             orientations: None,
@@ -248,7 +255,7 @@ impl Columns {
             kind,
             strengths: Repeated::new(strengths, |v| [*v]),
             opacities,
-            colors: Repeated::new(splats.colors, |color| *color),
+            colors: Colors::new(Repeated::new(splats.colors, |color| *color)),
             harmonics: splats.harmonics.map(PackedHarmonics::new),
             normals: splats.normals.map(|normals| Column::new(normals, Vec3::to_array)),
             orientations: None,

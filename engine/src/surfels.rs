@@ -4,7 +4,9 @@ mod places;
 
 use crate::closed::Closed;
 use crate::cloud::{Cloud, CloudError, Material, check_material, check_names, check_surface, wrong};
-use crate::columns::{BLOCKS_A_TASK, Column, Columns, Factors, Kind, LANES, Lanes, Repeated, SurfaceKind};
+use crate::columns::{
+    BLOCKS_A_TASK, Colors, Column, Columns, Factors, Kind, LANES, Lanes, Repeated, SurfaceKind,
+};
 use glam::{Mat3, Vec3};
 use places::CloudRows;
 pub use places::{SurfelPlaces, SurfelRows};
@@ -85,9 +87,9 @@ impl Cloud {
             kind: Kind::Surface(SurfaceKind::of_samples(depth_tolerance, coverage_floor, closed.clone())),
             strengths: Repeated::Each(Column::of_blocks(areas)),
             opacities: (opacity < 1.0).then(|| Column::alike(count, [opacity])),
-            colors: Repeated::Each(
+            colors: Colors::new(Repeated::Each(
                 color.map_or_else(|| Column::of_blocks(colors), |color| Column::alike(count, color)),
-            ),
+            )),
             harmonics: None,
             normals: None,
             orientations: None,

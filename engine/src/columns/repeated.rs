@@ -11,13 +11,16 @@ pub(crate) enum Repeated<const N: usize> {
     Each(Column<N>),
     /// Which of a few rows each splat has, as in a volume of bytes.
     Few {
-        rows: Box<[[f32; N]; MOST]>,
+        rows: Box<Rows<N>>,
         numbers: Vec<[[u8; LANES]; 1]>,
     },
 }
 
 /// As many rows as a byte can number.
 const MOST: usize = 1 << u8::BITS;
+
+/// As many rows; of those that aren't used numbers mean nothing.
+pub(super) type Rows<const N: usize> = [[f32; N]; MOST];
 
 /// As many splats have few rows, at least: with fewer a table is no gain.
 const WORTH_A_TABLE: usize = 16 * MOST;
@@ -69,14 +72,21 @@ impl<const N: usize> Repeated<N> {
         match self {
             Self::Each(column) => column.block(block),
             Self::Few { rows, numbers } => {
-                for (lane, number) in numbers[block][0].into_iter().enumerate() {
-                    for (room, own) in room.iter_mut().zip(rows[usize::from(number)]) {
-                        room[lane] = own;
-                    }
-                }
+                *room = numbered(rows, numbers[block][0]);
                 room
             }
         }
+    }
+
+    /// The row that all splats have, if there is one.
+    pub(super) fn one(&self) -> Option<[f32; N]> {
+        matches!(self, Self::Each(column) if column.is_one()).then(|| self.row(0))
+    }
+
+    /// Of other rows with the same numbers, those of a block.
+    #[inline(always)]
+    pub(super) fn block_of(&self, rows: &Rows<N>, block: usize) -> Option<[Lanes; N]> {
+        if let Self::Few { numbers, .. } = self { Some(numbered(rows, numbers[block][0])) } else { None }
     }
 
     /// Memory of the numbers.
@@ -94,6 +104,18 @@ impl<const N: usize> Repeated<N> {
             Self::Few { rows, numbers } => rows[usize::from(numbers[index / LANES][0][index % LANES])],
         }
     }
+}
+
+/// Rows by their numbers.
+#[inline(always)]
+fn numbered<const N: usize>(rows: &Rows<N>, numbers: [u8; LANES]) -> [Lanes; N] {
+    let mut found = [[0.0; LANES]; N];
+    for (lane, number) in numbers.into_iter().enumerate() {
+        for (found, own) in found.iter_mut().zip(rows[usize::from(number)]) {
+            found[lane] = own;
+        }
+    }
+    found
 }
 
 /// The bits of a row of up to four numbers.

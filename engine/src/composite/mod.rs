@@ -223,9 +223,12 @@ impl Compositor<'_> {
         let mut opening = O::load(simd, &runs.segments[0][here.block], open);
         for kernels in batches {
             let mut todo = kernels.masks.of(here.block);
+            if todo == 0 {
+                continue;
+            }
             let mut whole = kernels.whole;
             let mut spans = None;
-            if todo != 0 && own_cuts.layers > 0 {
+            if own_cuts.layers > 0 {
                 let own = apart(
                     simd,
                     #[inline(always)]

@@ -42,12 +42,15 @@ impl WideProjector<'_> {
     #[inline(always)]
     fn base_colors<S: Simd>(&self, simd: S, block: usize, towards: V3<S>) -> V3<S> {
         let columns = self.scalar.columns;
-        let linear = lanes(simd, *columns.colors.block(block, &mut Default::default()));
         let blend = self.scalar.view.settings.blend;
+        let room = &mut Default::default();
         if columns.harmonics.is_none() && blend == Blend::Linear {
-            return linear;
+            return lanes(simd, *columns.colors.block(block, room));
         }
-        let mut encoded = colors_to_srgb(simd, linear);
+        let mut encoded = match columns.colors.encoded(block) {
+            Some(encoded) => lanes(simd, encoded),
+            None => colors_to_srgb(simd, lanes(simd, *columns.colors.block(block, room))),
+        };
         if let Some(harmonics) = &columns.harmonics {
             let color = evaluate(simd, harmonics, block, self.seen_along(simd, towards));
             encoded = [0, 1, 2].each(
