@@ -492,3 +492,26 @@ fn a_renderer_shows_nothing_of_earlier_pictures() {
         }
     }
 }
+
+/// A few colours are display-encoded once, many whenever they are drawn: by one curve.
+#[test]
+fn few_colors_are_shown_as_many_are() {
+    let cloud = |count: usize, nudge: f32| {
+        let mut splats = fog([18; 3], DVec3::splat(0.1), 2.0, [0.0; 3]).splats();
+        for (i, color) in splats.colors.iter_mut().enumerate() {
+            let own = (i * 7 % count) as f32;
+            *color = [0.9 / (1.0 + own), 0.002 * own, 0.3 + nudge * i as f32];
+        }
+        vec![Cloud::new(splats).unwrap()]
+    };
+    let camera = scenes::camera(20.0, 32);
+    let settings = RenderSettings { blend: Blend::Display, ..unshaded() };
+    for count in [1, 5, 200] {
+        let [few, many] = [0.0, 1e-9].map(|nudge| draw(cloud(count, nudge), &camera, &settings).color);
+        let off = few.iter().flatten().zip(many.iter().flatten()).map(|(a, b)| (a - b).abs());
+        let most = off.fold(0.0, f32::max);
+        // The curve is within 2e-6 when it is drawn; a millionth of blue is added.
+        assert!(most <= 1e-5, "{count} colours: {most:e}");
+        assert!(few.iter().any(|color| color[3] > 0.5), "{count} colours: nothing shows");
+    }
+}

@@ -4,7 +4,7 @@ use super::repeated::{Repeated, Rows};
 use super::{Column, LANES, Lanes};
 use crate::color::linear_to_srgb;
 
-/// Linear colours. Where they are few they are there display-encoded, too; others are encoded when they are drawn.
+/// Linear colours. Where they are few they are kept display-encoded, too; others are encoded when they are drawn.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Colors {
     linear: Repeated<3>,
@@ -18,7 +18,7 @@ enum Encoded {
     Unknown,
     /// One that all splats have.
     One([Lanes; 3]),
-    /// With the numbers of the linear ones.
+    /// A row for each of the linear ones, with its number.
     Few(Box<Rows<3>>),
 }
 
@@ -83,7 +83,10 @@ mod tests {
             Colors::new(Repeated::new(values.collect(), |x| [*x, 1.0 - x, 2.0 * x]))
         };
         for (count, is_encoded) in [(1, true), (200, true), (299, false)] {
-            let colors = colors(count);
+            let mut colors = colors(count);
+            let turned: Vec<u32> =
+                (0..5000).map(|i| if i < 4096 { 4095 - i } else { 903 - (i - 4096) }).collect();
+            colors.reorder(&turned, 4096);
             for block in [0, 77, 624] {
                 let linear = *colors.block(block, &mut Default::default());
                 let encoded = is_encoded.then(|| linear.map(|row| row.map(linear_to_srgb)));

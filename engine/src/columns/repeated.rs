@@ -19,7 +19,7 @@ pub(crate) enum Repeated<const N: usize> {
 /// As many rows as a byte can number.
 const MOST: usize = 1 << u8::BITS;
 
-/// As many rows; of those that aren't used numbers mean nothing.
+/// As many rows; those without a number are not used.
 pub(super) type Rows<const N: usize> = [[f32; N]; MOST];
 
 /// As many splats have few rows, at least: with fewer a table is no gain.
@@ -83,7 +83,7 @@ impl<const N: usize> Repeated<N> {
         matches!(self, Self::Each(column) if column.is_one()).then(|| self.row(0))
     }
 
-    /// Of other rows with the same numbers, those of a block.
+    /// Those of a block from other rows that have the same numbers.
     #[inline(always)]
     pub(super) fn block_of(&self, rows: &Rows<N>, block: usize) -> Option<[Lanes; N]> {
         if let Self::Few { numbers, .. } = self { Some(numbered(rows, numbers[block][0])) } else { None }

@@ -12,7 +12,6 @@ use crate::raster::Kernels;
 use crate::simd::*;
 
 /// Slabs are open.
-#[derive(Clone, Copy)]
 pub(super) struct Slabbed<S: Simd> {
     seen: Seeing<S>,
     near: [Sum<S>; NEAR as usize],
@@ -90,7 +89,7 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
         let Closing::Slabs(slabs) = closing else {
             self.close_before::<DEPTH>(simd, first, 0.0, open);
             self.near[0].add::<DEPTH>(simd, (optical_depth, fragment.depth_inside()), kernels.color(number));
-            self.end = self.end.max(first + 2);
+            self.end = self.end.max(first + 1);
             return;
         };
         let segment = fragment.segment.map(
@@ -101,7 +100,7 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
         let matter = Matter { optical_depth, depth, distance, inverse, segment };
         if kernels.slabs.narrow >> number & 1 != 0 {
             self.close_before::<DEPTH>(simd, first, slabs.thickness(), open);
-            let share = kernels.slabs.share(number, [first, first + 1]);
+            let share = kernels.slabs.share(number);
             let plane = slabs.begin(first + 1);
             let x = (W::simd_from(simd, plane) - distance) * inverse;
             let share = Cumulative::new(simd, &share, &matter).before(simd, x);
@@ -227,7 +226,7 @@ impl<S: Simd> Slabbed<S> {
         }
     }
 
-    /// Shares a kernel out between the slabs that it touches in the block with a corner.
+    /// Shares a kernel out between the first three slabs and those behind them that it touches in the block with a corner.
     #[inline(always)]
     fn share_out<const DEPTH: bool>(
         &mut self,
@@ -238,17 +237,18 @@ impl<S: Simd> Slabbed<S> {
     ) {
         self.close_before::<DEPTH>(simd, kernels.slabs.first[number], slabs.thickness(), open);
         let [first, last] = kernels.slabs_in(number, corner, slabs);
-        let share = kernels.slabs.share(number, [first, last]);
+        let share = kernels.slabs.share(number);
         let color = kernels.color(number);
-        let mut shares = Shares::before(simd, (&share, matter), (slabs, self.first));
-        let last = last.max(self.first + NEAR - 1);
+        let mut shares = Shares::from_slab(simd, (&share, matter), (slabs, self.first));
+        let behind = self.first + NEAR;
+        let last = last.max(behind - 1);
         self.end = self.end.max(last + 1);
         for (slab, sum) in (self.first..).zip(&mut self.near) {
-            let own = shares.next::<DEPTH>(simd, (slabs, slab), slab == last && share.ends);
+            let own = shares.until::<DEPTH>(simd, (slabs, slab), slab == last && share.ends);
             sum.add::<DEPTH>(simd, own, color);
         }
-        for slab in self.first + NEAR..=last {
-            let own = shares.next::<DEPTH>(simd, (slabs, slab), slab == last && share.ends);
+        for slab in first.max(behind)..=last {
+            let own = shares.until::<DEPTH>(simd, (slabs, slab), slab == last && share.ends);
             open.slab(slab).add::<S, DEPTH>(simd, own, color);
         }
     }
@@ -260,7 +260,7 @@ impl<S: Simd> Slabbed<S> {
         while let Some(number) = plain.next() {
             let first = kernels.slabs.first[number];
             self.close_before::<DEPTH>(simd, first, 0.0, open);
-            self.end = self.end.max(first + 2);
+            self.end = self.end.max(first + 1);
             let optical_depth = kernels.plain_optical_depth(simd, number, pixels);
             let depth = if DEPTH { kernels.depth_at(simd, number, pixels) } else { optical_depth };
             self.near[0].add::<DEPTH>(simd, (optical_depth, depth), kernels.color(number));

@@ -85,42 +85,43 @@ impl<S: Simd> Cumulative<S> {
 pub(super) struct Shares<S: Simd> {
     matter: Matter<S>,
     cumulative: Cumulative<S>,
-    /// Where the next slab begins, in σ of the kernel, and what of the optical depth lies before.
-    begin: W<S>,
+    /// The optical depth that slabs have had.
     passed: W<S>,
 }
 
 impl<S: Simd> Shares<S> {
-    /// Before a slab.
+    /// Those from a slab on.
     #[inline(always)]
-    pub(super) fn before(
+    pub(super) fn from_slab(
         simd: S,
         (share, matter): (&SlabShare, Matter<S>),
         (slabs, slab): (&Slabs, u32),
     ) -> Self {
         let cumulative = Cumulative::new(simd, share, &matter);
-        let begin = (W::simd_from(simd, slabs.begin(slab)) - matter.distance) * matter.inverse;
-        let mut passed = W::simd_from(simd, 0.0);
+        let mut shares = Self { matter, cumulative, passed: W::simd_from(simd, 0.0) };
         if share.goes_on {
-            passed = matter.optical_depth * cumulative.before(simd, begin);
+            shares.passed = shares.before(simd, slabs.begin(slab));
         }
-        Self { matter, cumulative, begin, passed }
+        shares
     }
 
-    /// The optical depth in the next slab, and its mean z; all that is left if `gets_rest`.
+    /// The optical depth before a distance.
     #[inline(always)]
-    pub(super) fn next<const DEPTH: bool>(
+    fn before(&self, simd: S, distance: f32) -> W<S> {
+        let x = (W::simd_from(simd, distance) - self.matter.distance) * self.matter.inverse;
+        self.matter.optical_depth * self.cumulative.before(simd, x)
+    }
+
+    /// What no slab has had yet until the end of one, all that is left if it `gets_rest`; and its mean z in that slab.
+    #[inline(always)]
+    pub(super) fn until<const DEPTH: bool>(
         &mut self,
         simd: S,
         (slabs, slab): (&Slabs, u32),
         gets_rest: bool,
     ) -> (W<S>, W<S>) {
-        let Matter { optical_depth, inverse, .. } = self.matter;
-        self.begin = inverse.mul_add(W::simd_from(simd, slabs.thickness()), self.begin);
-        let mut until = optical_depth;
-        if !gets_rest {
-            until *= self.cumulative.before(simd, self.begin);
-        }
+        let until =
+            if gets_rest { self.matter.optical_depth } else { self.before(simd, slabs.begin(slab + 1)) };
         // No share is negative, which rounding may make it: of a large enough optical depth it would be a light.
         let own = (until - self.passed).max(W::simd_from(simd, 0.0));
         self.passed = until;

@@ -65,7 +65,7 @@ impl OpenSlabs {
         sum
     }
 
-    /// Takes the first ones.
+    /// Takes the first [`NEAR`] out of memory.
     #[inline(always)]
     pub(super) fn take_near<S: Simd>(&mut self, simd: S) -> [Sum<S>; NEAR as usize] {
         let first = self.first;

@@ -125,15 +125,11 @@ impl SlabColumns {
         self.inverse[number]
     }
 
-    /// How a record's piece is shared out between some of its slabs.
+    /// How a record's piece is shared out between its slabs.
     #[inline(always)]
-    pub(crate) fn share(&self, number: usize, [first, last]: [u32; 2]) -> SlabShare {
+    pub(crate) fn share(&self, number: usize) -> SlabShare {
         let has = |set: u64| set >> number & 1 != 0;
-        SlabShare {
-            normal_part: self.normal_part[number],
-            goes_on: !has(self.begin) && first == self.first[number],
-            ends: has(self.end) || last < self.last[number],
-        }
+        SlabShare { normal_part: self.normal_part[number], goes_on: !has(self.begin), ends: has(self.end) }
     }
 }
 
@@ -141,7 +137,7 @@ impl SlabColumns {
 pub(crate) struct SlabShare {
     /// See [`Spread`].
     pub(crate) normal_part: f32,
-    /// Whether slabs before the first one have had their share.
+    /// Whether slabs before the piece's first one have had their share.
     pub(crate) goes_on: bool,
     /// Whether the last slab gets what is left.
     pub(crate) ends: bool,
@@ -319,7 +315,9 @@ impl Kernels {
     pub(crate) fn slabs_in(&self, number: usize, corner: [f32; 2], slabs: &Slabs) -> [u32; 2] {
         let SlabColumns { first, last, distance, slope, half, .. } = &self.slabs;
         let (first, last) = (first[number], last[number]);
-        if self.outlines.is_exact(number) {
+        // What goes on in another piece must reach this one's end: the other has what is behind that.
+        let goes_on = self.slabs.end >> number & 1 == 0;
+        if self.outlines.is_exact(number) || goes_on {
             return [first, last];
         }
         let [x, y] = [0, 1].map(|axis| corner[axis] + HALF_BLOCK - self.outlines.mean[axis][number]);
