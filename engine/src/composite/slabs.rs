@@ -1,12 +1,13 @@
 //! Closing slab by slab: optical depths, and colours times these, are summed up in any order.
 //!
-//! The first three open slabs are in registers, those behind them in memory.
+//! The first three open slabs are in registers, those behind them in memory. Where registers are fewer and narrower, level kernels and boxes
+//! are added there, all others in memory: the first three slabs are sums of both.
 
 use super::before;
 use super::opening::{Fragment, Opening, Plain};
 use super::seen::{Seeing, Seen};
 use super::spread::{Cumulative, Matter, Shares};
-use super::sums::{NEAR, OpenSlabs, Sum};
+use super::sums::{Kept, NEAR, OpenSlabs, Sum};
 use crate::closing::{Closing, Slabs};
 use crate::raster::Kernels;
 use crate::simd::*;
@@ -28,16 +29,15 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
     #[inline(always)]
     fn load(simd: S, seen: &Seen, open: &mut OpenSlabs) -> Self {
         let (first, end) = (open.first, open.end);
-        Self { seen: Seeing::load(simd, seen), near: open.take_near(simd), first, end }
+        let near = if holds_sixteen::<S>() { open.take_near(simd) } else { [Sum::zero(simd); NEAR as usize] };
+        Self { seen: Seeing::load(simd, seen), near, first, end }
     }
 
     #[inline(always)]
     fn store(self, seen: &mut Seen, open: &mut OpenSlabs) {
         self.seen.store(seen);
         (open.first, open.end) = (self.first, self.end);
-        for (slab, sum) in (self.first..).zip(&self.near) {
-            sum.store(open.slab(slab));
-        }
+        self.keep(open);
     }
 
     #[inline(always)]
@@ -119,15 +119,30 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
 }
 
 impl<S: Simd> Slabbed<S> {
+    /// Puts what is in registers into memory.
+    #[inline(always)]
+    fn keep(&self, open: &mut OpenSlabs) {
+        for (slab, sum) in (self.first..).zip(self.near) {
+            let kept = open.slab(slab);
+            let sum = if holds_sixteen::<S>() { sum } else { sum.plus(kept) };
+            sum.store(kept);
+        }
+    }
+
     /// Closes slabs until `first` is the first one.
     #[inline(always)]
     fn close_before<const DEPTH: bool>(&mut self, simd: S, first: u32, thickness: f32, open: &mut OpenSlabs) {
         while self.first < first.min(self.end) {
-            let [sum, second, third] = self.near;
+            let [mut sum, second, third] = self.near;
+            if !holds_sixteen::<S>() {
+                sum = sum.plus(open.slab(self.first));
+                *open.slab(self.first) = Kept::ZERO;
+            }
             sum.close::<DEPTH>(simd, &mut self.seen, thickness);
             self.first += 1;
             let last = self.first + NEAR - 1;
-            let next = if last < self.end { open.take(simd, last) } else { Sum::zero(simd) };
+            let is_behind = holds_sixteen::<S>() && last < self.end;
+            let next = if is_behind { open.take(simd, last) } else { Sum::zero(simd) };
             self.near = [second, third, next];
         }
         self.first = self.first.max(first);
@@ -239,17 +254,29 @@ impl<S: Simd> Slabbed<S> {
         let [first, last] = kernels.slabs_in(number, corner, slabs);
         let share = kernels.slabs.share(number);
         let color = kernels.color(number);
-        let mut shares = Shares::from_slab(simd, (&share, matter), (slabs, self.first));
-        let behind = self.first + NEAR;
-        let last = last.max(behind - 1);
+        let mut shares = Shares::new(simd, (&share, matter), (slabs, self.first));
+        let in_registers = if holds_sixteen::<S>() { NEAR } else { 0 };
+        let behind = self.first + in_registers;
+        let last = last.max(behind.saturating_sub(1));
         self.end = self.end.max(last + 1);
-        for (slab, sum) in (self.first..).zip(&mut self.near) {
-            let own = shares.until::<DEPTH>(simd, (slabs, slab), slab == last && share.ends);
+        if in_registers > 0 {
+            shares.go_to(simd, slabs, self.first);
+        }
+        let gets_rest = [false, false, last < behind && share.ends];
+        for ((slab, sum), gets_rest) in (self.first..behind).zip(&mut self.near).zip(gets_rest) {
+            let own = shares.next::<DEPTH>(simd, (slabs, slab), gets_rest);
             sum.add::<DEPTH>(simd, own, color);
         }
-        for slab in first.max(behind)..=last {
-            let own = shares.until::<DEPTH>(simd, (slabs, slab), slab == last && share.ends);
+        if first > behind || in_registers == 0 {
+            shares.go_to(simd, slabs, first);
+        }
+        for slab in first.max(behind)..last {
+            let own = shares.next::<DEPTH>(simd, (slabs, slab), false);
             open.slab(slab).add::<S, DEPTH>(simd, own, color);
+        }
+        if last >= behind {
+            let own = shares.next::<DEPTH>(simd, (slabs, last), share.ends);
+            open.slab(last).add::<S, DEPTH>(simd, own, color);
         }
     }
 

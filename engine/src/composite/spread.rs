@@ -85,43 +85,54 @@ impl<S: Simd> Cumulative<S> {
 pub(super) struct Shares<S: Simd> {
     matter: Matter<S>,
     cumulative: Cumulative<S>,
+    /// Where the next slab begins, and how thick slabs are, in σ of the kernel.
+    begin: W<S>,
+    step: W<S>,
     /// The optical depth that slabs have had.
     passed: W<S>,
 }
 
 impl<S: Simd> Shares<S> {
-    /// Those from a slab on.
+    /// Those of a kernel, or of a piece of one, that begins in a slab; which slab is next isn't said yet.
     #[inline(always)]
-    pub(super) fn from_slab(
+    pub(super) fn new(
         simd: S,
         (share, matter): (&SlabShare, Matter<S>),
         (slabs, slab): (&Slabs, u32),
     ) -> Self {
         let cumulative = Cumulative::new(simd, share, &matter);
-        let mut shares = Self { matter, cumulative, passed: W::simd_from(simd, 0.0) };
+        let zero = W::simd_from(simd, 0.0);
+        let step = matter.inverse * slabs.thickness();
+        let mut shares = Self { matter, cumulative, begin: zero, step, passed: zero };
         if share.goes_on {
-            shares.passed = shares.before(simd, slabs.begin(slab));
+            shares.go_to(simd, slabs, slab);
+            shares.passed = shares.before(simd);
         }
         shares
     }
 
-    /// The optical depth before a distance.
+    /// Goes on with a slab, which has what those in between would have.
     #[inline(always)]
-    fn before(&self, simd: S, distance: f32) -> W<S> {
-        let x = (W::simd_from(simd, distance) - self.matter.distance) * self.matter.inverse;
-        self.matter.optical_depth * self.cumulative.before(simd, x)
+    pub(super) fn go_to(&mut self, simd: S, slabs: &Slabs, slab: u32) {
+        self.begin = (W::simd_from(simd, slabs.begin(slab)) - self.matter.distance) * self.matter.inverse;
     }
 
-    /// What no slab has had yet until the end of one, all that is left if it `gets_rest`; and its mean z in that slab.
+    /// The optical depth before the next slab.
     #[inline(always)]
-    pub(super) fn until<const DEPTH: bool>(
+    fn before(&self, simd: S) -> W<S> {
+        self.matter.optical_depth * self.cumulative.before(simd, self.begin)
+    }
+
+    /// What no slab has had yet until the end of the next, all that is left if it `gets_rest`; and its mean z in that slab.
+    #[inline(always)]
+    pub(super) fn next<const DEPTH: bool>(
         &mut self,
         simd: S,
         (slabs, slab): (&Slabs, u32),
         gets_rest: bool,
     ) -> (W<S>, W<S>) {
-        let until =
-            if gets_rest { self.matter.optical_depth } else { self.before(simd, slabs.begin(slab + 1)) };
+        self.begin += self.step;
+        let until = if gets_rest { self.matter.optical_depth } else { self.before(simd) };
         // No share is negative, which rounding may make it: of a large enough optical depth it would be a light.
         let own = (until - self.passed).max(W::simd_from(simd, 0.0));
         self.passed = until;

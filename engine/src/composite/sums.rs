@@ -30,7 +30,8 @@ pub(super) struct Kept {
 }
 
 impl Kept {
-    const ZERO: Self = Self { optical_depth: Plane::ZERO, color: [Plane::ZERO; 3], depth: Plane::ZERO };
+    pub(super) const ZERO: Self =
+        Self { optical_depth: Plane::ZERO, color: [Plane::ZERO; 3], depth: Plane::ZERO };
 }
 
 /// The open slabs of a block.
@@ -40,7 +41,7 @@ pub(crate) struct OpenSlabs {
     pub(super) first: u32,
     /// There is nothing from this one on.
     pub(super) end: u32,
-    /// Slab n at n modulo their number; zero where nothing is, or what is there is in registers.
+    /// Slab n at n modulo their number; zero where nothing is, or all that is there is in registers.
     kept: [Kept; MOST_OPEN as usize],
 }
 
@@ -106,6 +107,18 @@ impl<S: Simd> Sum<S> {
             color: [red.load(simd), green.load(simd), blue.load(simd)],
             depth: depth.load(simd),
         }
+    }
+
+    /// Together with what is in memory.
+    #[inline(always)]
+    pub(super) fn plus(mut self, kept: &Kept) -> Self {
+        let kept = Self::load(self.optical_depth.simd, kept);
+        self.optical_depth += kept.optical_depth;
+        for (sum, kept) in self.color.iter_mut().zip(kept.color) {
+            *sum += kept;
+        }
+        self.depth += kept.depth;
+        self
     }
 
     #[inline(always)]
