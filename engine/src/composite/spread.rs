@@ -111,7 +111,7 @@ impl<S: Simd> Shares<S> {
         shares
     }
 
-    /// Goes on with a slab, which has what those in between would have.
+    /// The next slab is this one, which also has what those that are passed over would have.
     #[inline(always)]
     pub(super) fn go_to(&mut self, simd: S, slabs: &Slabs, slab: u32) {
         self.begin = (W::simd_from(simd, slabs.begin(slab)) - self.matter.distance) * self.matter.inverse;

@@ -315,7 +315,7 @@ impl Kernels {
     pub(crate) fn slabs_in(&self, number: usize, corner: [f32; 2], slabs: &Slabs) -> [u32; 2] {
         let SlabColumns { first, last, distance, slope, half, .. } = &self.slabs;
         let (first, last) = (first[number], last[number]);
-        // What goes on in another piece must reach this one's end: the other has what is behind that.
+        // A piece that another follows has all until its end: the other one has what is behind that.
         let goes_on = self.slabs.end >> number & 1 == 0;
         if self.outlines.is_exact(number) || goes_on {
             return [first, last];
