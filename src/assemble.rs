@@ -15,7 +15,6 @@ use oblate::surfels::{
     Density, Mesh, PointCloud, PointColor, PointSettings, SamplerSettings, point_surfels, sample,
     sample_seen, seen_count, shown_spacing, view_spacing,
 };
-use oblate::volumes::Volume;
 use rayon::prelude::*;
 
 /// Surfels of all meshes together, where their number follows the view: in all and for each pixel of the
@@ -49,8 +48,8 @@ struct Standing {
 }
 
 impl Standing {
-    /// What is left of it: where nothing is cut itself, else what of it stands in each place.
-    fn cut(self) -> Result<Vec<Self>> {
+    /// What is left of it: where nothing is cut itself, else what of it stands in each place. Says if that is nothing.
+    fn cut(self, console: Console) -> Result<Vec<Self>> {
         if self.kept.is_empty() {
             return Ok(vec![self]);
         }
@@ -58,7 +57,11 @@ impl Standing {
             let cloud = self.cloud.clone().transformed(*to).clipped(&self.kept)?;
             Ok(Self { name: self.name.clone(), cloud, moves: vec![DAffine3::IDENTITY], kept: Vec::new() })
         };
-        self.moves.iter().map(in_place).collect()
+        let left: Vec<Self> = self.moves.iter().map(in_place).collect::<Result<_>>()?;
+        if !self.cloud.is_empty() && left.iter().all(|standing| standing.cloud.is_empty()) {
+            console.say(format_args!("{}: the planes leave nothing of it", self.name));
+        }
+        Ok(left)
     }
 }
 
@@ -95,22 +98,14 @@ pub(crate) fn assemble(
                 standing.push(stand(cloud.transformed(places[0])));
             }
             Body::Volume(volume) => {
-                let _task = console.task(format!("splats of {name}"));
                 let volume = placed_volume(volume, places[0])?;
-                let paint = Paint::read(&look, places[0], console)?;
                 let field = Field::Regular(&volume);
-                let shown = volume_clouds(field, &look, paint.as_ref()).with_context(|| name.clone())?;
-                say_if_empty(&name, &shown, &volume, console);
-                standing.extend(shown.into_iter().map(stand));
+                standing.extend(shown_of(field, (&name, &look, places[0]), console)?.into_iter().map(stand));
             }
             Body::Irregular(volume) => {
-                let _task = console.task(format!("splats of {name}"));
                 let volume = volume.placed(places[0]).with_context(|| name.clone())?;
-                let paint = Paint::read(&look, places[0], console)?;
                 let field = Field::Irregular(&volume);
-                let shown = volume_clouds(field, &look, paint.as_ref()).with_context(|| name.clone())?;
-                say_if_empty(&name, &shown, volume.samples(), console);
-                standing.extend(shown.into_iter().map(stand));
+                standing.extend(shown_of(field, (&name, &look, places[0]), console)?.into_iter().map(stand));
             }
         }
     }
@@ -143,7 +138,7 @@ pub(crate) fn assemble(
     }
 
     let (mut clouds, mut origins) = (Vec::with_capacity(places), Vec::with_capacity(places));
-    let cut = standing.into_iter().map(Standing::cut).collect::<Result<Vec<_>>>()?;
+    let cut = standing.into_iter().map(|standing| standing.cut(console)).collect::<Result<Vec<_>>>()?;
     // Where a thing was cut each of its places has a cloud of its own.
     for (place, Standing { name, mut cloud, moves, .. }) in
         cut.into_iter().flat_map(|places| places.into_iter().enumerate())
@@ -158,13 +153,21 @@ pub(crate) fn assemble(
     Ok(Assembled { scene: Scene { clouds, lights }, camera, view, origins })
 }
 
-/// Says that nothing of a volume is visible, if that is so.
-fn say_if_empty(name: &str, shown: &[Cloud], values: &Volume, console: Console) {
+/// The splats of a volume at a place; says if there are none.
+fn shown_of(
+    field: Field<'_>,
+    (name, look, place): (&str, &Look, DAffine3),
+    console: Console,
+) -> Result<Vec<Cloud>> {
+    let _task = console.task(format!("splats of {name}"));
+    let paint = Paint::read(look, place, console)?;
+    let shown = volume_clouds(field, look, paint.as_ref()).with_context(|| name.to_owned())?;
     if shown.iter().all(Cloud::is_empty) {
-        let range =
-            values.value_range().map_or("no finite value".into(), |[a, b]| format!("values {a} to {b}"));
+        let values = field.values().value_range();
+        let range = values.map_or("no finite value".into(), |[a, b]| format!("values {a} to {b}"));
         console.say(format_args!("{name}: nothing in it is visible ({range})"));
     }
+    Ok(shown)
 }
 
 /// What takes a thing from one of its places to each of them; exactly nothing to that one.

@@ -19,14 +19,14 @@ pub(crate) struct DepthInputs {
     #[arg(value_name = "COLOUR DEPTH", required = true, num_args = 2..)]
     files: Vec<PathBuf>,
     /// Focal lengths and principal point in pixels, the centre of the first pixel being 0,0 (OpenCV's way); or a JSON file of Open3D's
-    #[arg(long, value_name = "FX,FY,CX,CY|FILE")]
+    #[arg(long, value_name = "FX,FY,CX,CY|FILE", allow_hyphen_values = true)]
     intrinsics: String,
     /// Where the camera stood, once for each photograph: a file of 4×4 camera-to-world matrices, a TUM trajectory or a Redwood log; FILE:N is its pose N, from
     /// 0 on [default of one photograph: the origin]
     #[arg(long, value_name = "FILE[:N]")]
     pose: Vec<String>,
     /// What a stored depth of 1 is in world units, such as 1/5000 [default: 0.001 of integers, 1 of others]
-    #[arg(long, value_name = "S", value_parser = fraction, conflicts_with_all = ["disparity", "depth_format"])]
+    #[arg(long, value_name = "S", value_parser = fraction, allow_hyphen_values = true, conflicts_with_all = ["disparity", "depth_format"])]
     depth_scale: Option<f64>,
     /// Depths are disparities: focal length in pixels × baseline [, distance of the principal points, steps of a pixel]
     #[arg(long, value_name = "FB[,DOFFS[,STEPS]]", allow_hyphen_values = true)]

@@ -121,8 +121,8 @@ pub(crate) struct PictureOptions {
     #[arg(long)]
     pub(crate) blend: Option<BlendSpace>,
     /// How kernels that overlap are mixed: centers, one after the other from near to far; per-pixel, the same with
-    /// each pixel's own order; slabs, in layers from near to far, those in a layer all at once; auto, as
-    /// centers where only trained splats are drawn, else as slabs [default: auto]
+    /// each pixel's own order; slabs, in layers from near to far, those in a layer all at once; auto, the quickest
+    /// way that keeps to the tolerance, found by trial (trained splats by themselves keep centers) [default: auto]
     #[arg(long)]
     pub(crate) order: Option<OrderMode>,
     /// Thickness of the slabs, where 1 is the size of the kernels (their median σ): thinner is
@@ -301,7 +301,7 @@ pub(crate) struct FileOptions {
     #[arg(long)]
     pub(crate) endian: Option<ByteOrder>,
     /// Volumes: distance between samples along x, y, z [default: the header's, else 1,1,1]
-    #[arg(long, value_name = "X,Y,Z", value_parser = notation::triple)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = notation::triple, allow_hyphen_values = true)]
     pub(crate) spacing: Option<[f64; 3]>,
     /// OBJ and PLY meshes: a PNG or JPEG for parts with texture coordinates and no texture of their own
     #[arg(long, value_name = "FILE")]

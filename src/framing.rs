@@ -180,8 +180,8 @@ impl Framed<'_> {
         let (y, z_for_y) = side([down, up], self.tangent.y);
         let center = self.rotation * self.middle;
         let z = z_for_x.min(z_for_y);
-        // A single point needs no distance, and none at all has no place: stand one unit away.
-        let seen = z.is_finite() && center.z - z > 1e-9 * center.length();
+        // A single point needs no distance, but for roundings, and none at all has no place: stand one unit away.
+        let seen = z.is_finite() && center.z - z > 1e-13 * center.length();
         let eye = if seen { DVec3::new(x, y, z) } else { center - DVec3::Z };
         let to_world = self.rotation.transpose();
         [to_world * eye, to_world * DVec3::new(eye.x, eye.y, center.z)]
@@ -267,6 +267,15 @@ mod tests {
             assert!((low.y + bound).abs() < 1e-3 && (high.y - bound).abs() < 1e-3, "{low} {high}");
             assert!(low.x > -bound && high.x < bound, "{low} {high}");
         }
+    }
+
+    #[test]
+    fn what_is_small_and_far_from_the_origin_fills_the_picture() {
+        // Doubles are 2e-6 apart there, 1e-5 of the cube.
+        let points = cube(1e10, 1e10 + 0.15);
+        let (low, high) = extent(&complete(&CameraOptions::default(), &points, DVec3::Y), &points);
+        let bound = 1.0 - MARGIN;
+        assert!((low.y + bound).abs() < 1e-3 && (high.y - bound).abs() < 1e-3, "{low} {high}");
     }
 
     #[test]

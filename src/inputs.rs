@@ -33,7 +33,7 @@ impl SceneArgs {
         wrong.into_iter().collect::<Result<(), Wrong>>().map_err(Wrong::option)?;
         ensure!(
             !self.files.is_empty() || self.file == FileOptions::default(),
-            "--dims, --type, --endian, --spacing, --texture, --level and --max-memory are for files; none is given"
+            "--dims, --type, --endian, --spacing, --texture, --flow, --level and --max-memory are for files; none is given"
         );
         Ok(())
     }

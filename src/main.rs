@@ -1,4 +1,4 @@
-//! `oblate`: meshes, volumes and iso-surfaces in one picture, from the command line.
+//! `oblate`: meshes, volumes, point clouds, depth images and trained splats in one picture, from the command line.
 
 mod assemble;
 mod built_in;
@@ -26,7 +26,7 @@ mod volume_looks;
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
-/// Draws meshes, volumes and iso-surfaces as surface splats, all in one correct picture.
+/// Draws meshes, volumes, point clouds, depth images and trained splats as Gaussian splats, all in one correct picture.
 #[derive(Parser)]
 #[command(version, about, max_term_width = 100)]
 struct Cli {

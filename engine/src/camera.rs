@@ -1,5 +1,6 @@
 //! Cameras: pinhole and orthographic, kept in f64.
 
+use crate::cull::largest_stretch;
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 use thiserror::Error;
 
@@ -216,6 +217,32 @@ impl Camera {
     /// Width and height of the picture in pixels.
     pub fn size(&self) -> [u32; 2] {
         self.size
+    }
+
+    /// Whether the eye and the whole near plane are outside of a box, given by two corners in a space from which `to_world` leads; where rays are parallel,
+    /// whether the near plane is before it.
+    pub fn is_outside(&self, to_world: &DAffine3, [low, high]: [DVec3; 2]) -> bool {
+        let to_camera = self.pose.world_to_camera * *to_world;
+        let [middle, half] = [0.5 * (low + high), 0.5 * (high - low)];
+        match self.projection {
+            Projection::Perspective => {
+                let from_camera = to_camera.inverse();
+                let beside = ((from_camera.translation - middle).abs() - half).max(DVec3::ZERO);
+                beside.length() > self.near_reach() * largest_stretch(from_camera.matrix3)
+            }
+            Projection::Orthographic => {
+                let depth = to_camera.matrix3.row(2);
+                to_camera.transform_point3(middle).z - depth.abs().dot(half) > self.near
+            }
+        }
+    }
+
+    /// How far the near plane's farthest corner is from the eye.
+    fn near_reach(&self) -> f64 {
+        let Intrinsics { focal, center } = self.intrinsics;
+        let [width, height] = self.size.map(f64::from);
+        let slopes = center.max(DVec2::new(width, height) - center).abs() / focal;
+        self.near * slopes.extend(1.0).length()
     }
 
     /// The near plane's z.

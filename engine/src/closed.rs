@@ -6,24 +6,28 @@ use glam::{DAffine3, DVec3};
 
 /// From where a surface is closed: what of its splats faces away from an eye there is not drawn.
 ///
-/// Whoever is outside of a body sees its fronts alone. Of one that ends at planes, as an iso-surface does at the border of its grid,
+/// Whoever is outside of a body sees its fronts alone: an eye outside of the box around it is, and its near plane, too, if that doesn't cut the box.
+/// Of a body that ends at planes, as an iso-surface does at the border of its grid,
 /// backs are seen through those planes only: a ray that begins within all of the half-spaces leaves each at most once, so it enters the
 /// body through a front.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Closed {
     /// Backs may be seen from anywhere.
     Nowhere,
-    /// Nobody within all of the half-spaces, in the space of the splats, sees backs. Where there are none that is nobody.
+    /// Nobody outside of the body and within all of the half-spaces, in the space of the splats, sees backs. Where there are no
+    /// half-spaces that is everybody outside.
     Within(Vec<HalfSpace>),
+    /// Backs are not shown, wherever the eye is: of a sheet that has one side only, as a depth image and one-sided materials have.
+    OneSided,
 }
 
 impl Closed {
-    /// A closed surface, or one whose backs are not to be seen.
+    /// A closed body.
     pub const EVERYWHERE: Self = Self::Within(Vec::new());
 
-    /// Whether backs are seen from nowhere.
+    /// Whether backs are seen from nowhere outside.
     pub fn is_everywhere(&self) -> bool {
-        *self == Self::EVERYWHERE
+        matches!(self, Self::OneSided) || *self == Self::EVERYWHERE
     }
 
     /// Of a surface made of this one and another.
@@ -35,11 +39,13 @@ impl Closed {
                 own.extend(new);
                 Self::Within(own)
             }
+            (Self::OneSided, Self::OneSided) => Self::OneSided,
             _ => Self::Nowhere,
         }
     }
 
-    /// Whether no backs are seen by a camera at the origin that looks along z; where rays are parallel by one far behind it.
+    /// Whether no backs are seen by a camera at the origin that looks along z, outside of the body; where rays are parallel by one far behind
+    /// it.
     pub(crate) fn is_for(&self, camera_to_cloud: &DAffine3, is_perspective: bool) -> bool {
         let (eye, nearness) = if is_perspective {
             (camera_to_cloud.translation, 1.0)
@@ -48,6 +54,7 @@ impl Closed {
         };
         match self {
             Self::Nowhere => false,
+            Self::OneSided => true,
             Self::Within(planes) => {
                 planes.iter().all(|plane| plane.normal.dot(eye) >= plane.offset * nearness)
             }

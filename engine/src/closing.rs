@@ -323,7 +323,7 @@ impl Slabs {
     /// have a small standard deviation over the footprint, as it follows from that of their distances. A box's share is the steepest.
     ///
     /// 0.8 times that part of a kernel, of either sign, then lies in the neighbouring slab: of its optical depth at most a fifth of the
-    /// tolerance, or 2 % where it is above a tenth. A slab shows that by its own optical depth, and what its kernels move to and fro cancels
+    /// tolerance, or two tolerances of it (0.8 % at 1/255) where it is above a tenth. A slab shows that by its own optical depth, and what its kernels move to and fro cancels
     /// where their places are even.
     #[inline(always)]
     pub(crate) fn are_level<S: Simd, F: Floats<S>>(

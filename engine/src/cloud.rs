@@ -1,5 +1,6 @@
 //! Clouds of splats: structure of arrays, one strength for all splats of a cloud.
 
+use crate::camera::{Camera, Projection};
 use crate::closed::Closed;
 use crate::columns::{Columns, Kind};
 use crate::levels::{self, Level};
@@ -72,8 +73,8 @@ pub struct Surface {
     pub areas: Vec<f32>,
     /// Opacity of the surface at each splat in [0, 1]; `None` is opaque.
     pub opacities: Option<Vec<f32>>,
-    /// Samples of one pixel within this depth (world units) of the first belong to one layer: about one
-    /// surfel radius.
+    /// Samples of one pixel within this depth (world units) of the first belong to one layer: one to two surfel radii. With too little
+    /// of it creases fall apart into layers; with too much sheets that are as near each other become one.
     pub depth_tolerance: f32,
     /// The floor w₀ of the summed coverage that the sampler guarantees away from borders, in (0, 1]; its mean is 1, since the areas add
     /// up to the surface's. The pixels' filter raises it towards 0.96, as √a where it dims a surfel to a share a;
@@ -251,9 +252,19 @@ impl Cloud {
         matches!(self.columns().kind, Kind::Surface(_))
     }
 
-    /// Whether it is a surface of which no backs are seen by a camera from whose space `camera_to_cloud` leads: see [`Closed`].
-    pub(crate) fn is_closed_for(&self, camera_to_cloud: &DAffine3, is_perspective: bool) -> bool {
-        matches!(&self.columns().kind, Kind::Surface(surface) if surface.closed.is_for(camera_to_cloud, is_perspective))
+    /// Whether it is a surface of which a camera sees no backs: see [`Closed`].
+    pub(crate) fn is_closed_for(&self, camera: &Camera) -> bool {
+        let Kind::Surface(surface) = &self.columns().kind else { return false };
+        let cloud_to_camera = camera.pose().world_to_camera * self.cloud_to_world;
+        let is_perspective = camera.projection() == Projection::Perspective;
+        let is_before_ends = surface.closed.is_for(&cloud_to_camera.inverse(), is_perspective);
+        if !is_before_ends || surface.closed == Closed::OneSided {
+            return is_before_ends;
+        }
+        let clusters = self.levels[0].clusters.iter();
+        let boxes = clusters.map(|cluster| [-1.0, 1.0].map(|side| cluster.center + side * cluster.half));
+        let all = boxes.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]);
+        all.is_none_or(|corners| camera.is_outside(&self.cloud_to_world, corners.map(Vec3::as_dvec3)))
     }
 
     /// Whether renderers have levels of detail to choose from.
@@ -352,7 +363,7 @@ fn validate(splats: &Splats) -> Result<(), CloudError> {
         length(what, values.len())?;
         match first_wrong(values, |v| *v >= 0.0 && *v <= high) {
             None => Ok(()),
-            Some(index) => Err(CloudError::Value { index, what, value: values[index].to_string(), expected }),
+            Some(index) => Err(wrong(index, what, values[index].to_string(), expected)),
         }
     };
 
@@ -372,7 +383,7 @@ fn validate(splats: &Splats) -> Result<(), CloudError> {
         let Harmonics { degree, coefficients } = harmonics;
         if !(1..=3).contains(degree) {
             let expected = "harmonics have a degree from 1 to 3";
-            return Err(CloudError::Value { index: 0, what: "degree", value: degree.to_string(), expected });
+            return Err(wrong(0, "degree", degree.to_string(), expected));
         }
         let per_splat = harmonics.per_splat();
         if coefficients.len() != expected * per_splat {
@@ -449,9 +460,8 @@ fn finite<T: Debug + Sync>(
 ) -> Result<(), CloudError> {
     match first_wrong(values, is_finite) {
         None => Ok(()),
-        Some(wrong) => {
-            let (index, value) = (wrong / per_splat, format!("{:?}", values[wrong]));
-            Err(CloudError::Value { index, what, value, expected: "it must be finite" })
+        Some(place) => {
+            Err(wrong(place / per_splat, what, format!("{:?}", values[place]), "it must be finite"))
         }
     }
 }

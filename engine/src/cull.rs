@@ -41,8 +41,9 @@ pub(crate) struct VisibleRange {
     pub(crate) sigma: f64,
     /// Their distances from the eye, or z where rays are parallel: at least and at most.
     pub(crate) distances: [f32; 2],
-    /// Whether the cloud is a surface.
+    /// Whether the cloud is a surface, and one of which no backs are seen.
     pub(crate) is_surface: bool,
+    pub(crate) hides_backs: bool,
 }
 
 /// Which splats of a range are drawn: those whose needs the filter meets, but not those of their parents.
@@ -71,6 +72,7 @@ impl VisibleRange {
             sigma: f64::INFINITY,
             distances: [0.0, f32::INFINITY],
             is_surface,
+            hides_backs: false,
         }
     }
 
@@ -175,7 +177,7 @@ impl Frustum {
 
     /// Whether the ellipsoid r ≤ `cutoff` of a filtered splat reaches into all half-spaces.
     pub(crate) fn touches_ellipsoid(&self, splat: &CameraSplat, cutoff: f64, lens: &Lens) -> bool {
-        let filter = lens.low_pass * splat.center.z.abs() / lens.focal.min_element();
+        let filter = lens.filter_sigma * splat.center.z.abs() / lens.focal.min_element();
         self.sides.iter().all(|plane| {
             let normal = plane.truncate();
             let spread = splat.factor.transpose() * normal;
@@ -202,6 +204,7 @@ fn find_visible(
     for (index, cloud) in scene.clouds.iter().enumerate() {
         let cloud_to_camera = camera.pose().world_to_camera * cloud.cloud_to_world();
         let camera_to_cloud = cloud_to_camera.inverse();
+        let stretch = largest_stretch(cloud_to_camera.matrix3);
         let viewer = if perspective {
             Viewer::At(camera_to_cloud.translation)
         } else {
@@ -216,11 +219,11 @@ fn find_visible(
             perspective,
             pixel_filter,
             allowance: allowance(cloud.levels(), settings.tolerance) * settings.level_of_detail * widening
-                / largest_stretch(cloud_to_camera.matrix3),
-            cutoff: settings.farthest_end(),
-            stretch: largest_stretch(cloud_to_camera.matrix3),
+                / stretch,
+            end: settings.cutoff_of(&cloud.columns().kind),
+            stretch,
             cloud_to_camera,
-            hides_backs_from: cloud.is_closed_for(&camera_to_cloud, perspective).then_some(viewer),
+            hides_backs_from: cloud.is_closed_for(camera).then_some(viewer),
         };
         let top = if settings.level_of_detail > 0.0 { cloud.levels().len() - 1 } else { 0 };
         for cluster in 0..cloud.levels()[top].clusters.len() {
@@ -241,6 +244,11 @@ pub(crate) fn find_affordable(
 ) -> u64 {
     let culled = find_visible(scene, camera, (settings, 1.0), visible);
     let Some(budget) = settings.budget else { return culled };
+    let has_levels =
+        settings.level_of_detail > 0.0 && scene.clouds.iter().any(|cloud| cloud.levels().len() > 1);
+    if !has_levels {
+        return culled;
+    }
     let count = |visible: &[VisibleRange]| -> usize {
         visible.iter().map(|range| range.count(scene.clouds[range.cloud].levels())).sum()
     };
@@ -296,7 +304,7 @@ pub(crate) fn touched_part<'a>(
 }
 
 /// At most how many times longer a vector gets; exact where proportions are kept.
-fn largest_stretch(m: DMat3) -> f64 {
+pub(crate) fn largest_stretch(m: DMat3) -> f64 {
     let product = m.transpose() * m;
     let sums = [product.x_axis, product.y_axis, product.z_axis].map(|axis| axis.abs().element_sum());
     sums.into_iter().fold(0.0, f64::max).sqrt().max(f64::MIN_POSITIVE)
@@ -314,7 +322,8 @@ struct Search<'a> {
     pixel_filter: f64,
     /// What makes a filter in the world one that needs are compared with.
     allowance: f64,
-    cutoff: f64,
+    /// The squared Mahalanobis radius at which splats end.
+    end: f64,
     stretch: f64,
     cloud_to_camera: DAffine3,
     /// Of a surface whose backs are not drawn, from where it is seen.
@@ -339,8 +348,9 @@ impl Search<'_> {
         let center = self.cloud_to_camera.transform_point3(cluster.center.as_dvec3());
         let radius = self.stretch * f64::from(cluster.radius);
         let farthest = if self.perspective { center.z.abs() + radius } else { 1.0 };
-        let sigma = (self.stretch * f64::from(cluster.largest_sigma)).hypot(self.pixel_filter * farthest);
-        let reach = radius + self.cutoff.sqrt() * sigma;
+        let own_sigma = self.stretch * f64::from(cluster.largest_sigma);
+        let sigma = DVec2::new(own_sigma, self.pixel_filter * farthest).length();
+        let reach = radius + self.end.sqrt() * sigma;
         if !self.frustum.touches_sphere(center, reach) {
             return cluster.splats.len() as u64;
         }
@@ -373,9 +383,10 @@ impl Search<'_> {
             center_in_camera: center,
             reach,
             radius,
-            sigma: self.stretch * f64::from(cluster.largest_sigma),
+            sigma: own_sigma,
             distances: [least as f32, (distance + radius) as f32],
             is_surface: self.cloud.is_surface(),
+            hides_backs: self.hides_backs_from.is_some(),
         });
         culled
     }

@@ -156,9 +156,9 @@ impl Cuts {
         self.used += 1;
     }
 
-    /// Looks at the finished cuts of all blocks. Behind a transmittance of `spent` nothing is seen.
+    /// Looks at the finished cuts of all blocks. Behind a transmittance of `least_transmittance` nothing is seen.
     #[inline(always)]
-    pub(crate) fn sum_up<S: Simd>(&mut self, simd: S, tile: Tile, spent: f32) {
+    pub(crate) fn sum_up<S: Simd>(&mut self, simd: S, tile: Tile, least_transmittance: f32) {
         self.sums.hidden = f32::NEG_INFINITY;
         let infinity = W::simd_from(simd, f32::INFINITY);
         for block in tile.visible_blocks() {
@@ -171,7 +171,7 @@ impl Cuts {
                 sum.nearest = sum.nearest.min(depth.reduce_min());
                 through = (-through).mul_add(alpha, through);
                 let is_open = hidden.simd_eq(infinity);
-                let ends = is_open & through.simd_le(W::simd_from(simd, spent));
+                let ends = is_open & through.simd_le(W::simd_from(simd, least_transmittance));
                 if (is_open & !ends & depth.simd_lt(infinity)).any_true() {
                     sum.segments = layer + 2;
                 }

@@ -14,6 +14,7 @@ use crate::cull::{VisibleRange, touched_pixels};
 use crate::footprint::Lens;
 use crate::frame::Channels;
 use crate::grow::grow;
+use crate::pass::PerPass;
 use crate::scene::{RenderSettings, Scene};
 use crate::tile::{BLOCK_SIDE, MAX_SIDE, Tile};
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -70,7 +71,7 @@ impl Lattice {
     pub(crate) fn begin(
         &mut self,
         (scene, camera, settings): (&Scene, &Camera, &RenderSettings),
-        visible: &[Vec<VisibleRange>; 2],
+        visible: &PerPass<Vec<VisibleRange>>,
         side: usize,
     ) {
         self.changed.clear();
@@ -208,7 +209,7 @@ impl Lattice {
 
 fn is_worth_it(
     (scene, camera, settings): (&Scene, &Camera, &RenderSettings),
-    [surfaces, volumes]: &[Vec<VisibleRange>; 2],
+    PerPass { surfaces, volumes }: &PerPass<Vec<VisibleRange>>,
 ) -> bool {
     // Medians of depth are not smooth.
     let is_allowed =
@@ -224,7 +225,7 @@ fn is_worth_it(
             Projection::Perspective => f64::from(range.distances[1]),
             Projection::Orthographic => 1.0,
         };
-        (sigma * lens.focal.min_element() / distance).hypot(lens.low_pass) >= LEAST_SIGMA
+        (sigma * lens.focal.min_element() / distance).hypot(lens.filter_sigma) >= LEAST_SIGMA
     };
     let seen = |ranges: &[VisibleRange]| touched_pixels(camera, ranges.iter());
     volumes.iter().all(is_wide) && (surfaces.is_empty() || seen(surfaces) < MOST_CUT * seen(volumes))

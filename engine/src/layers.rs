@@ -64,11 +64,11 @@ pub(crate) struct LayerBuffers {
     room: Room,
 }
 
-/// Turns a tile's surface records into cuts. Behind a transmittance of `spent` nothing is kept.
+/// Turns a tile's surface records into cuts. Behind a transmittance of `least_transmittance` nothing is kept.
 pub(crate) struct LayerBuilder<'a> {
     pub(crate) surfaces: Surfaces<'a>,
     pub(crate) lens: SurfelLens,
-    pub(crate) spent: f32,
+    pub(crate) least_transmittance: f32,
 }
 
 impl LayerBuilder<'_> {
@@ -94,7 +94,7 @@ impl LayerBuilder<'_> {
         for block in tile.visible_blocks() {
             samples += self.peel(simd, (tile, block), buffers, cuts);
         }
-        cuts.sum_up(simd, tile, self.spent);
+        cuts.sum_up(simd, tile, self.least_transmittance);
         samples * PIXELS as u64
     }
 
@@ -288,7 +288,7 @@ impl LayerBuilder<'_> {
             plane.store(found.select(normal, zero));
         }
         (cut.record, cut.cloud) = (peel.record.into(), peel.cloud.into());
-        let goes_on = found & seen.simd_gt(W::simd_from(simd, self.spent));
+        let goes_on = found & seen.simd_gt(W::simd_from(simd, self.least_transmittance));
         peel.end = (found & !goes_on).select(peel.limit, peel.end);
         peel.previous = peel.limit;
         peel.depth = goes_on.select(infinity, -infinity);

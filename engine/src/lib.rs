@@ -38,6 +38,7 @@ pub mod neighbors;
 pub mod observer;
 mod occlusion;
 mod order;
+mod pass;
 pub mod pick;
 mod raster;
 pub mod reference;

@@ -38,8 +38,8 @@ impl Stage {
     }
 
     /// Whether it runs tile by tile on many threads at once: then `begin` and `end` come in pairs on each
-    /// of those threads. The other stages report once a round, from the thread that draws: a frame
-    /// has more than one where something that seemed hidden is not.
+    /// of those threads. The other stages report from the thread that draws, in each round of surfaces and of volumes; there are further
+    /// rounds where something that seemed hidden is not. [`Self::Cull`] reports before and after rounds, too.
     pub fn is_per_tile(self) -> bool {
         self >= Self::Layers
     }

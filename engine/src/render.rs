@@ -19,6 +19,7 @@ use crate::layers::LayerBuilder;
 use crate::observer::{Counts, Observer, Stage};
 use crate::occlusion::{Occlusion, Visible};
 use crate::order::{Keys, Sorter};
+use crate::pass::{Pass, PerPass};
 use crate::raster::{CloudSurface, KernelLens, Surfaces, SurfelLens, reach_to_cuts};
 use crate::resolve::Resolver;
 use crate::scene::{Baseline, RenderSettings, Scene};
@@ -33,8 +34,8 @@ use tiles::{Place, TileBuffers, TileDrawer};
 /// Draws a scene, on the threads of the current rayon pool; the picture does not depend on how many.
 ///
 /// # Errors
-/// When a setting, a light or a transform is outside its documented range, or the scene has more clouds or
-/// splats than ids can name.
+/// When a setting, a light or a transform is outside its documented range, the scene has more clouds or
+/// splats than ids can name, or [`Order::AxisSheets`](crate::Order::AxisSheets) is asked for where there is no grid.
 pub fn render(
     scene: &Scene,
     camera: &Camera,
@@ -55,12 +56,11 @@ pub struct Renderer {
     tile_side: usize,
     /// Whether the side is chosen for each frame.
     chooses_tiles: bool,
-    visible: [Vec<VisibleRange>; 2],
+    visible: PerPass<Vec<VisibleRange>>,
     occlusion: Occlusion,
     shaders: Vec<Shader>,
     cloud_surfaces: Vec<CloudSurface>,
-    surfaces: Drawn,
-    volumes: Drawn,
+    drawn: PerPass<Drawn>,
     cuts: KeptCuts,
     lattice: Lattice,
     scratch: Vec<AtomicU64>,
@@ -73,7 +73,7 @@ pub struct Renderer {
     clear: Clear,
 }
 
-/// What is drawn of one kind: records and who needs them where.
+/// What is drawn in a pass: records and who needs them where.
 #[derive(Default)]
 struct Drawn {
     records: Records,
@@ -108,12 +108,11 @@ impl Renderer {
             level,
             tile_side,
             chooses_tiles: false,
-            visible: [Vec::new(), Vec::new()],
+            visible: PerPass::default(),
             occlusion: Occlusion::default(),
             shaders: Vec::new(),
             cloud_surfaces: Vec::new(),
-            surfaces: Drawn::default(),
-            volumes: Drawn::default(),
+            drawn: PerPass::default(),
             cuts: KeptCuts::default(),
             lattice: Lattice::default(),
             scratch: Vec::new(),
@@ -144,24 +143,25 @@ impl Renderer {
         if self.chooses_tiles {
             self.tile_side = self.choose_tile_side(camera);
         }
-        let closing = Closing::new(scene, camera, settings, &self.visible[1])?;
+        let closing = Closing::new(scene, camera, settings, &self.visible.volumes)?;
         self.lattice.begin((scene, camera, settings), &self.visible, self.tile_side);
         self.prepare(scene, camera, settings);
-        let kinds = [0, 1].map(|kind| !self.visible[kind].is_empty());
-        if kinds[0] {
-            self.draw_kind(0, (scene, camera), (settings, closing), observer);
+        let has_surfaces = !self.visible.surfaces.is_empty();
+        if has_surfaces {
+            self.draw_pass(Pass::Surfaces, (scene, camera), (settings, closing), observer);
         }
-        if kinds[1] || !kinds[0] {
-            self.draw_kind(1, (scene, camera), (settings, closing), observer);
+        // The background alone is drawn as volumes are.
+        if !has_surfaces || !self.visible.volumes.is_empty() {
+            self.draw_pass(Pass::Volumes, (scene, camera), (settings, closing), observer);
         }
         let sum = |i: usize| self.counts.iter().map(|counts| counts[i].load(Relaxed)).sum();
         let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
-        let [surfaces, volumes] = [&self.surfaces, &self.volumes].map(|drawn| drawn.records.forms());
-        let drawn = [&self.surfaces, &self.volumes].into_iter().zip(&self.visible);
+        let [surfaces, volumes] = Pass::BOTH.map(|pass| self.drawn[pass].records.forms());
+        let drawn = self.drawn.iter().zip(self.visible.iter());
         observer.counts(Counts {
             splats: splats as u64,
             culled,
-            occluded: self.occlusion.count(visible) + self.volumes.records.behind_cuts(),
+            occluded: self.occlusion.count(visible) + self.drawn.volumes.records.behind_cuts(),
             visible: surfaces.iter().chain(&volumes).sum(),
             merged: drawn.map(|(drawn, ranges)| drawn.merged(ranges)).sum(),
             forms: std::array::from_fn(|form| surfaces[form] + volumes[form]),
@@ -178,7 +178,7 @@ impl Renderer {
 
     /// Finds what may be visible; gives how many splats lie outside the picture.
     fn cull(&mut self, scene: &Scene, camera: &Camera, settings: &RenderSettings) -> u64 {
-        let [surfaces, volumes] = &mut self.visible;
+        let PerPass { surfaces, volumes } = &mut self.visible;
         let culled = find_affordable(scene, camera, settings, volumes);
         surfaces.clear();
         surfaces.extend(volumes.extract_if(.., |range| range.is_surface));
@@ -200,11 +200,10 @@ impl Renderer {
         self.shaders.extend(scene.clouds.iter().map(|cloud| Shader::new(scene, camera, cloud.material())));
         self.cloud_surfaces.clear();
         self.cloud_surfaces.extend(scene.clouds.iter().map(CloudSurface::of));
-        self.surfaces.clear();
-        self.volumes.clear();
+        self.drawn.surfaces.clear();
+        self.drawn.volumes.clear();
         self.frame.resize(camera.size().map(|length| length as usize), settings.channels);
         self.clear.begin(&self.frame, self.tile_side, settings);
-        self.counts.clear();
         self.occlusion.begin(camera.size(), self.tile_side);
         let tiles = self.tiles(camera).iter().product();
         let kept = if self.visible.iter().any(Vec::is_empty) { 0 } else { tiles };
@@ -218,74 +217,77 @@ impl Renderer {
         camera.size().map(|length| (length as usize).div_ceil(self.tile_side))
     }
 
-    /// Draws surfaces, whose cuts are kept where there are volumes, or volumes; again where something of the kind was wrongly left out.
-    fn draw_kind(
+    /// Draws surfaces, whose cuts are kept where there are volumes, or volumes; again where something was wrongly left out.
+    fn draw_pass(
         &mut self,
-        kind: usize,
+        pass: Pass,
         (scene, camera): (&Scene, &Camera),
         (settings, closing): (&RenderSettings, Closing),
         observer: &dyn Observer,
     ) {
         let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
-        watched(observer, Stage::Cull, || self.occlusion.begin_kind(kind, visible));
+        watched(observer, Stage::Cull, || self.occlusion.begin_pass(pass, visible));
         loop {
-            watched(observer, Stage::Footprint, || self.project(kind, (scene, camera), (settings, closing)));
+            watched(observer, Stage::Footprint, || self.project(pass, (scene, camera), (settings, closing)));
             let size = (camera.size(), self.tile_side);
-            if kind == 0 {
-                self.surfaces.list_by_cluster(observer, size, &mut self.scratch);
-            } else {
-                let is_last = !self.occlusion.leaves_out(1);
-                let buffers = (&mut self.sorter, &mut self.scratch);
-                let size = (size.0, self.lattice.listed_side(self.tile_side));
-                self.volumes.list_by_distance((observer, closing, is_last), size, buffers);
+            match pass {
+                Pass::Surfaces => {
+                    self.drawn.surfaces.list_by_cluster(observer, size, &mut self.scratch);
+                }
+                Pass::Volumes => {
+                    let is_last = !self.occlusion.leaves_out(pass);
+                    let buffers = (&mut self.sorter, &mut self.scratch);
+                    let size = (size.0, self.lattice.listed_side(self.tile_side));
+                    self.drawn.volumes.list_by_distance((observer, closing, is_last), size, buffers);
+                }
             }
-            self.draw(kind, camera, (settings, closing), observer);
+            self.draw(pass, camera, (settings, closing), observer);
             let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
             let occlusion = &mut self.occlusion;
-            if !watched(observer, Stage::Cull, || occlusion.find_missing(kind, visible)) {
+            if !watched(observer, Stage::Cull, || occlusion.find_missing(pass, visible)) {
                 break;
             }
         }
     }
 
-    /// Projects what is new of a kind in a round.
+    /// Projects what is new in a round.
     fn project(
         &mut self,
-        kind: usize,
+        pass: Pass,
         (scene, camera): (&Scene, &Camera),
         (settings, closing): (&RenderSettings, Closing),
     ) {
-        let hides = kind == 1 && settings.occlusion && !self.visible[0].is_empty();
+        let hides = pass == Pass::Volumes && settings.occlusion && !self.visible.surfaces.is_empty();
         let looked = hides.then_some(self.occlusion.looked());
         let (shaders, level) = (&self.shaders, self.level);
         let tile_side = self.tile_side;
         let view = SceneView { scene, camera, settings, shaders, closing, looked, tile_side, level };
-        let drawn = if kind == 0 { &mut self.surfaces } else { &mut self.volumes };
-        drawn.append(&view, &self.visible[kind], self.occlusion.next());
+        self.drawn[pass].append(&view, &self.visible[pass], self.occlusion.next());
     }
 
     /// Draws the tiles that changed.
     fn draw(
         &mut self,
-        kind: usize,
+        pass: Pass,
         camera: &Camera,
         (settings, closing): (&RenderSettings, Closing),
         observer: &dyn Observer,
     ) {
         let picture = camera.size().map(|length| length as usize);
         let [columns, rows] = self.tiles(camera);
-        let Self { visible, surfaces, volumes, cuts, occlusion, lattice, counts, .. } = self;
+        let Self { visible, drawn, cuts, occlusion, lattice, counts, .. } = self;
         let Self { shaders, cloud_surfaces: clouds, level, tile_side: side, clear, .. } = self;
+        let PerPass { surfaces, volumes } = &*drawn;
         let lens = Lens::new(camera, settings.low_pass);
         let near = camera.near() as f32;
         // A quarter of the tolerance: what is behind changes a channel by at most that share of its brightness.
-        let spent = (settings.tolerance / 4.0) as f32;
+        let least_transmittance = (settings.tolerance / 4.0) as f32;
         let Records { octets, own_rects, .. } = &surfaces.records;
         let drawer = TileDrawer {
             layers: LayerBuilder {
                 surfaces: Surfaces { octets, own_rects, clouds },
                 lens: SurfelLens::new(&lens, near, settings.outline as f32),
-                spent,
+                least_transmittance,
             },
             compositor: Compositor {
                 records: &volumes.records.records,
@@ -302,8 +304,8 @@ impl Renderer {
                     // An interpolation across the border is off by a half of it.
                     highest_end: (settings.tolerance / 2.0) as f32,
                 },
-                spent,
-                lead: lead(&visible[1], settings, lens.projection),
+                least_transmittance,
+                lead: lead(&visible.volumes, settings, lens.projection),
                 keeps_depth: settings.channels == Channels::All,
             },
             resolver: Resolver {
@@ -327,15 +329,16 @@ impl Renderer {
         };
         let (counts_of_surfaces, counts) = counts.split_at(columns * rows);
         let (counts, counts_of_lattice) = counts.split_at(columns * rows);
-        // Lists are those of an earlier frame where this one has nothing of a kind.
-        let surfaces_of = |index: usize| if visible[0].is_empty() { &[] } else { surfaces.lists.tile(index) };
-        if kind == 0 {
+        // Lists are those of an earlier frame where this one has no surfaces.
+        let surfaces_of =
+            |index: usize| if visible.surfaces.is_empty() { &[] } else { surfaces.lists.tile(index) };
+        if pass == Pass::Surfaces {
             tiles::for_each(&mut self.threads, columns * rows, |index, buffers| {
                 if !occlusion.changed()[index] {
                     return;
                 }
                 let tile = (tile_of(index), surfaces_of(index));
-                let found = if visible[1].is_empty() {
+                let found = if visible.volumes.is_empty() {
                     drawer.draw_surfaces(tile, buffers, place_of(index))
                 } else {
                     drawer.keep_cuts(tile, buffers, (cuts, index))

@@ -103,7 +103,7 @@ pub enum Order {
     /// much either way: in a haze of all colours shells of σ are 8 % farther from R1 than [`Self::Centers`]. But of several clouds one comes first
     /// in every shell. Lists are sorted and read in less time. Kernels that are defined by their order should have [`Self::Centers`].
     Shells {
-        /// In σ of kernels, as slabs have it, above 0; shells are thinner by up to a half, since powers of two are quick.
+        /// In σ of kernels, as slabs have it, from 0.001 to 1e6; shells are thinner by up to a half, since powers of two are quick.
         thickness: f64,
     },
     /// After each kernel, by its depth at the pixel, as far as a small window of kernels reaches.
@@ -111,7 +111,7 @@ pub enum Order {
     /// At spheres around the eye, or planes where rays are parallel: no order within a slab. Kernels are shared out between
     /// slabs as if they were narrower by what the slabs spread them.
     Slabs {
-        /// In σ of kernels along rays from anywhere, above 0: the least of the clouds' medians of it, and at least 1/1024 of the
+        /// In σ of kernels along rays from anywhere, from 0.001 to 1e6: the least of the clouds' medians of it, and at least 1/1024 of the
         /// largest. No slab is thinner than what single precision tells apart at the farthest kernel.
         thickness: f64,
     },
@@ -119,7 +119,7 @@ pub enum Order {
     /// 2001: a baseline, that pops where another axis takes over. The grid is that of the first cloud's kernels; they
     /// must share one shape, whose half-axes are the grid's.
     AxisSheets {
-        /// Distance of the sheets in σ of the kernels, above 0: 1/0.7 is a sheet a voxel where σ is 0.7 voxels.
+        /// Distance of the sheets in σ of the kernels, from 0.001 to 1e6: 1/0.7 is a sheet a voxel where σ is 0.7 voxels.
         spacing: f64,
     },
 }
@@ -143,7 +143,7 @@ pub enum Baseline {
 pub struct RenderSettings {
     /// The form of the footprint.
     pub footprint: FootprintForm,
-    /// Variance of the low-pass filter in squared pixels, at least 0.
+    /// Variance of the low-pass filter in squared pixels, from 0 to 1e6.
     pub low_pass: f64,
     /// The space of shading and blending.
     pub blend: Blend,
@@ -153,23 +153,25 @@ pub struct RenderSettings {
     pub baseline: Option<Baseline>,
     /// Whether light acts; without it colours are shown as they are.
     pub shade: bool,
-    /// Behind everything: linear Rec. 709, not premultiplied, and alpha.
+    /// Behind everything: linear Rec. 709, not premultiplied, finite; and alpha from 0 to 1.
     pub background: [f32; 4],
-    /// The largest error of a channel that is aimed at; shared out between the stages.
+    /// The largest error of a channel that is aimed at, from 0 to 1. Each shortcut may use a share of it; together they are judged by
+    /// [`crate::settle()`].
     pub tolerance: f64,
-    /// Squared Mahalanobis radius at which kernels are cut off; their mass is renormalised. [`crate::settle()`] may find another.
+    /// Squared Mahalanobis radius at which kernels are cut off, from 1 to 100; their mass is renormalised. [`crate::settle()`] may find another.
     pub cutoff: f64,
     /// The share of the tolerance, from 0 to 1, below which opacities are left out: several kernels end in a pixel, and what they lack together is to
     /// stay within the tolerance. [`crate::settle()`] may find another.
     pub end_share: f64,
-    /// Squared Mahalanobis radius at which surfels end, to references too: it is a part of what they are. [`crate::settle()`] may find
+    /// Squared Mahalanobis radius at which surfels end, from 1 to 100, to references too: it is a part of what they are. [`crate::settle()`] may find
     /// another.
     pub outline: f64,
-    /// How much wider than it is the pixels' filter counts where levels of detail are chosen, of clouds that have levels: at least 0, with
-    /// which every splat is drawn. [`crate::settle()`] may find another.
+    /// How much wider than it is the pixels' filter counts where levels of detail are chosen, of clouds that have levels: from 0, with
+    /// which every splat is drawn, to 1e6. [`crate::settle()`] may find another.
     pub level_of_detail: f64,
     /// The picture is drawn with at most as many splats, as far as clouds have levels: the best that can be had.
-    /// The last level of a cloud, 1024 splats at most, is drawn even if that is more.
+    /// The last level of a cloud, 1024 splats at most, is drawn even if that is more. Where no cloud has levels, or
+    /// [`Self::level_of_detail`] is 0, it changes nothing.
     pub budget: Option<usize>,
     /// Whether what is hidden is left out before it is projected, where much seems to be; the picture is the same.
     pub occlusion: bool,

@@ -139,60 +139,91 @@ pub fn settle(
     if windows[0].is_empty() || nothing_else {
         return Ok(RenderSettings { level_of_detail: settings.level_of_detail, ..drawn_in(last, far) });
     }
-    let trial = Trial::new((scene, &windows), drawn_in(last, far))?;
+    let finest = drawn_in(last, far);
+    let trial = Trial::new((scene, &windows), finest)?;
     if trial.shown() == 0 {
         return Ok(*settings);
     }
-    let keeps = |found: &RenderSettings| trial.is_within(SHARE_OF_WAYS, found);
-    let taken = first(others.iter(), |way| keeps(&drawn_in(way, far)))?.unwrap_or(last);
-    let mut settled = drawn_in(taken, far);
-    if trial.shown() >= LEAST_SHOWN && !nearer.is_empty() {
-        let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * settings.tolerance, ..*far };
-        let stricter = Trial::new((scene, &windows), drawn_in(last, &with_far_ends(&strict)))?;
-        let (share, rank) =
-            if scene.has_opacities() { (SHARE_OF_OPACITIES, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
-        // The others have been drawn at the tolerance itself by now.
-        let keeps = |ends: &RenderSettings| {
-            Ok(stricter.error(rank, ends)? <= share * settings.tolerance
-                && trial.is_within(MOST_OF_ALL, ends)?)
-        };
-        settled = first(nearer.iter().map(|ends| drawn_in(taken, ends)), keeps)?.unwrap_or(settled);
-    }
-    let mut outlined = vec![settled];
+    let way =
+        first(others.iter(), |way| trial.is_within(SHARE_OF_WAYS, &drawn_in(way, far)))?.unwrap_or(last);
+    let mut settled = drawn_in(way, far);
+    let mut outlined = None;
     if trial.shown() >= LEAST_SHOWN {
+        let with_ends = nearer.iter().map(|ends| drawn_in(way, ends));
+        settled = nearest_ends(&trial, (scene, &windows), finest, with_ends)?.unwrap_or(settled);
         let nearer = outlines.map(|outline| RenderSettings { outline, ..settled });
-        let keeps = |found: &RenderSettings| trial.is_within(SHARE_OF_ENDS, found);
-        outlined.splice(0..0, first(nearer, keeps)?);
+        outlined = first(nearer, |found| trial.is_within(SHARE_OF_ENDS, found))?;
     }
-    // Levels save more than outlines.
+    let with_outlines: Vec<_> = outlined.into_iter().chain([settled]).collect();
+    let coarsest = coarsest_levels(&trial, &levels, &with_outlines)?;
+    // Thinner slabs leave more of the tolerance to levels.
+    let thinnest = ways.iter().rfind(|other| take_as_long(way, other)).filter(|other| *other != way);
+    match thinnest {
+        Some(thinner) => coarser_levels(&trial, &levels, coarsest, |ends| drawn_in(thinner, ends)),
+        None => Ok(coarsest),
+    }
+}
+
+/// The nearest ends that keep to their share of the tolerance beside the finest way drawn at an eighth of it, and to
+/// [`MOST_OF_ALL`] beside the finest way.
+fn nearest_ends(
+    trial: &Trial,
+    windows: (&Scene, &[Vec<Camera>; 2]),
+    finest: RenderSettings,
+    from_the_nearest: impl ExactSizeIterator<Item = RenderSettings>,
+) -> Result<Option<RenderSettings>, SceneError> {
+    if from_the_nearest.len() == 0 {
+        return Ok(None);
+    }
+    let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * finest.tolerance, ..finest };
+    let stricter = Trial::new(windows, with_far_ends(&strict))?;
+    let has_opacities = windows.0.has_opacities();
+    let (share, rank) = if has_opacities { (SHARE_OF_OPACITIES, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
+    first(from_the_nearest, |found| {
+        Ok(stricter.error(rank, found)? <= share * finest.tolerance && trial.is_within(MOST_OF_ALL, found)?)
+    })
+}
+
+/// The coarsest levels of detail, given from the coarsest on, that keep to the ways' share of the tolerance, with the first of several outlines with
+/// which they do; every splat with the first outline where none do. Levels save more than outlines.
+fn coarsest_levels(
+    trial: &Trial,
+    levels: &[f64],
+    outlined: &[RenderSettings],
+) -> Result<RenderSettings, SceneError> {
     let merged = |level_of_detail: f64| {
-        first(outlined.iter().map(|ends| RenderSettings { level_of_detail, ..*ends }), keeps)
+        let all = outlined.iter().map(|settled| RenderSettings { level_of_detail, ..*settled });
+        first(all, |found| trial.is_within(SHARE_OF_WAYS, found))
     };
-    let mut best = outlined[0];
     for (number, level_of_detail) in levels.iter().enumerate().step_by(2) {
         if let Some(found) = merged(*level_of_detail)? {
             let coarser = number.checked_sub(1).map(|number| merged(levels[number])).transpose()?;
-            best = coarser.flatten().unwrap_or(found);
-            break;
+            return Ok(coarser.flatten().unwrap_or(found));
         }
     }
-    // Thinner slabs leave more of the tolerance to levels: from the next coarser on, until some will not do.
-    let thinnest = ways.iter().rfind(|way| take_as_long(taken, way)).filter(|way| *way != taken);
-    if let Some(way) = thinnest {
-        let before = best.level_of_detail;
-        for level_of_detail in levels.into_iter().rev().filter(|level| *level > before) {
-            let found = RenderSettings { level_of_detail, ..drawn_in(way, &best) };
-            if !keeps(&found)? {
-                break;
-            }
-            best = found;
+    Ok(outlined[0])
+}
+
+/// Coarser levels than those that are settled, drawn in another way, from the next coarser on until some will not do.
+fn coarser_levels(
+    trial: &Trial,
+    levels: &[f64],
+    settled: RenderSettings,
+    drawn_in_another: impl Fn(&RenderSettings) -> RenderSettings,
+) -> Result<RenderSettings, SceneError> {
+    let mut best = settled;
+    for level_of_detail in levels.iter().rev().filter(|level| **level > settled.level_of_detail) {
+        let found = RenderSettings { level_of_detail: *level_of_detail, ..drawn_in_another(&best) };
+        if !trial.is_within(SHARE_OF_WAYS, &found)? {
+            break;
         }
+        best = found;
     }
     Ok(best)
 }
 
-/// Whether two ways are slabs of which kernels touch two, mostly, or three: the engine from afar, of which half of the splats or more were merged, took
-/// 52 to 60 ms with slabs of 2.45, 2 and 1.86σ at one level of detail, and 24 to 27 at a coarser one.
+/// Whether two ways are slabs of which kernels touch two, or now and then three, in the same form: the engine from afar, of which half of the splats or
+/// more were merged, took 52 to 60 ms with slabs of 2.45, 2 and 1.86σ at one level of detail, and 24 to 27 at a coarser one.
 fn take_as_long(a: &(Order, FootprintForm), b: &(Order, FootprintForm)) -> bool {
     let are_thick = |order: &Order| matches!(order, Order::Slabs { thickness } if *thickness >= BOXED);
     are_thick(&a.0) && are_thick(&b.0) && a.1 == b.1

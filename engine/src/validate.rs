@@ -80,12 +80,14 @@ impl RenderSettings {
         for (what, radius) in [("cut-off", cutoff), ("outline of surfels", outline)] {
             check(what, radius, (1.0..=100.0).contains(&radius), "it must be from 1 to 100")?;
         }
-        if let Order::Slabs { thickness: length }
-        | Order::Shells { thickness: length }
-        | Order::AxisSheets { spacing: length } = self.order
-        {
-            let ok = (1e-3..=1e6).contains(&length);
-            check("thickness of slabs", length, ok, "it must be from 0.001 to 1e6")?;
+        let length = match self.order {
+            Order::Slabs { thickness } => Some(("thickness of slabs", thickness)),
+            Order::Shells { thickness } => Some(("thickness of shells", thickness)),
+            Order::AxisSheets { spacing } => Some(("spacing of sheets", spacing)),
+            Order::Auto | Order::Centers | Order::PerPixel => None,
+        };
+        if let Some((what, length)) = length {
+            check(what, length, (1e-3..=1e6).contains(&length), "it must be from 0.001 to 1e6")?;
         }
         let [red, green, blue, alpha] = self.background.map(f64::from);
         for channel in [red, green, blue] {

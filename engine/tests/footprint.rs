@@ -15,14 +15,14 @@ fn lens(low_pass_variance: f64) -> Lens {
         focal: DVec2::new(900.0, 1100.0),
         principal: DVec2::new(512.0, 384.0),
         projection: Projection::Perspective,
-        low_pass: low_pass_variance.sqrt(),
+        filter_sigma: low_pass_variance.sqrt(),
     }
 }
 
-/// Σ' of DESIGN's definition.
+/// Σ': the covariance plus the pixels' filter in the image plane.
 fn filtered_covariance(splat: &CameraSplat, lens: &Lens) -> DMat3 {
     let depth = if lens.projection == Projection::Perspective { splat.center.z } else { 1.0 };
-    let filter = (lens.low_pass * depth / lens.focal).extend(0.0);
+    let filter = (lens.filter_sigma * depth / lens.focal).extend(0.0);
     splat.factor * splat.factor.transpose() + DMat3::from_diagonal(filter * filter)
 }
 

@@ -210,6 +210,10 @@ fn levels_are_as_coarse_as_the_tolerance_allows() {
             assert_eq!(settle(&scene, &camera, &said).unwrap().level_of_detail, 0.0);
             let budget = RenderSettings { budget: Some(50_000), ..left_open };
             assert_eq!(settle(&scene, &camera, &budget).unwrap().level_of_detail, 1.0);
+            // A picture of forms shows those of the scene's.
+            let forms = RenderSettings { color_by_form: true, ..left_open };
+            let expected = RenderSettings { color_by_form: true, ..settled };
+            assert_eq!(settle(&scene, &camera, &forms).unwrap(), expected);
         }
     }
 }

@@ -8,7 +8,7 @@ use crate::notation::{comma_list, distance_and_angle};
 use crate::output::{Output, StatsPlace, WriteSeek};
 use crate::progress::Console;
 use crate::stats::{median, milliseconds, peak_mib, rounded, timed};
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::Args;
 use glam::DVec3;
 use oblate::engine::{Blend, Closed, Splats, Strength};
@@ -156,6 +156,16 @@ fn whole(args: &ExtractArgs, settings: &IsoSettings, output: Output) -> Result<E
             let ((), time) = timed(|| extractor.find(again, &mut others))?;
             second.push(milliseconds(time));
         }
+    }
+    if surfels.is_empty() {
+        let values = match &field {
+            Field::Regular(volume) => volume,
+            Field::Irregular(volume) => volume.samples(),
+        };
+        let range = values
+            .value_range()
+            .map_or("no finite value".into(), |[low, high]| format!("values {low} to {high}"));
+        bail!("there are no splats to write: no surface is at {}; {range}", args.iso);
     }
     let first = usize::from(measured);
     let merged = args.merge.map(|bounds| timed(|| merge(&surfels, settings, bounds))).transpose()?;

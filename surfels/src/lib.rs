@@ -47,5 +47,7 @@ pub use mesh::{BaseColor, Mesh, Primitive, Texture, Wrap};
 pub use point_cloud::{
     POINT_COVERAGE_FLOOR, PointCloud, PointColor, PointError, PointSettings, point_surfels,
 };
-pub use sample::{COVERAGE_FLOOR, Density, KERNEL_SIGMA, SamplerSettings, sample, sample_seen, seen_count};
+pub use sample::{
+    Density, MESH_COVERAGE_FLOOR, MESH_SURFEL_RADIUS, SamplerSettings, sample, sample_seen, seen_count,
+};
 pub use view::{shown_spacing, view_spacing};

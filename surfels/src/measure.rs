@@ -6,6 +6,7 @@ use crate::mesh::{Mesh, Primitive, Texture};
 use crate::sight::Sight;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
+use std::collections::HashMap;
 
 /// Triangles that one task measures.
 const TRIANGLES_PER_TASK: usize = 4096;
@@ -85,7 +86,8 @@ impl Mesh {
     }
 
     /// Whether the surface is closed: every edge belongs to exactly two triangles that run along it in
-    /// opposite directions. Vertices at exactly one place count as one, whatever primitive they are of.
+    /// opposite directions, and each part that hangs together encloses a volume on the inner side of its triangles, so that nobody outside sees
+    /// their backs. Vertices at exactly one place count as one, whatever primitive they are of.
     pub fn is_closed(&self) -> bool {
         let bits = |primitive: &Primitive, p: &Vec3| {
             let placed = primitive.primitive_to_mesh.transform_point3(p.as_dvec3());
@@ -105,21 +107,27 @@ impl Mesh {
         let weld = |place: &[u64; 3]| known.binary_search(place).unwrap_or_default() as u32;
         let welded: Vec<u32> = places.par_iter().map(weld).collect();
 
-        let mut edges: Vec<(u32, u32)> = Vec::new();
+        let mut triangles: Vec<[u32; 3]> = Vec::new();
         let mut rest = &welded[..];
         for primitive in &self.primitives {
             let (vertices, others) = rest.split_at(primitive.positions.len());
             rest = others;
+            // Its outside stays outside.
+            let is_mirrored = primitive.primitive_to_mesh.matrix3.determinant() < 0.0;
             let of_triangle = |triangle: &[u32; 3]| {
                 let [a, b, c] = triangle.map(|index| vertices.get(index as usize).copied());
-                let edges = [(a?, b?), (b?, c?), (c?, a?)];
-                edges.iter().all(|(from, to)| from != to).then_some(edges)
+                let [a, b, c] = [a?, b?, c?];
+                (a != b && b != c && c != a).then_some(if is_mirrored { [a, c, b] } else { [a, b, c] })
             };
-            edges.par_extend(primitive.triangles.par_iter().filter_map(of_triangle).flatten_iter());
+            triangles.par_extend(primitive.triangles.par_iter().filter_map(of_triangle));
         }
+        let mut edges: Vec<(u32, u32)> =
+            triangles.par_iter().flat_map_iter(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
         edges.par_sort_unstable();
         let once = edges.par_windows(2).all(|pair| pair[0] != pair[1]);
-        once && !edges.is_empty() && edges.par_iter().all(|&(a, b)| edges.binary_search(&(b, a)).is_ok())
+        let is_closed = once && edges.par_iter().all(|&(a, b)| edges.binary_search(&(b, a)).is_ok());
+        let known: Vec<DVec3> = known.par_iter().map(|place| place.map(f64::from_bits).into()).collect();
+        is_closed && !triangles.is_empty() && volumes(&known, &triangles).iter().all(|volume| *volume > 0.0)
     }
 
     /// Whether nothing in it is double-sided.
@@ -148,6 +156,34 @@ impl Mesh {
         }
         self.primitives.iter().enumerate().try_for_each(|(index, primitive)| check(index, primitive))
     }
+}
+
+/// The volumes of the parts of closed triangles that hang together; negative where corners are counter-clockwise seen from inside.
+fn volumes(places: &[DVec3], triangles: &[[u32; 3]]) -> Vec<f64> {
+    /// Places lead to others of their part; the last one, which stands for it, leads to itself.
+    fn last_of(leads_to: &mut [u32], mut place: u32) -> u32 {
+        while leads_to[place as usize] != place {
+            leads_to[place as usize] = leads_to[leads_to[place as usize] as usize];
+            place = leads_to[place as usize];
+        }
+        place
+    }
+    let mut leads_to: Vec<u32> = (0..places.len() as u32).collect();
+    for [a, b, c] in triangles {
+        let first = last_of(&mut leads_to, *a);
+        for other in [b, c] {
+            let last = last_of(&mut leads_to, *other);
+            leads_to[last as usize] = first;
+        }
+    }
+    let mut volumes = HashMap::new();
+    for [a, b, c] in triangles {
+        let part = last_of(&mut leads_to, *a);
+        // From a corner of the part: what is far away is as exact.
+        let [a, b, c] = [a, b, c].map(|corner| places[*corner as usize] - places[part as usize]);
+        *volumes.entry(part).or_insert(0.0) += a.dot(b.cross(c)) / 6.0;
+    }
+    volumes.into_values().collect()
 }
 
 /// The triangles of a mesh in parts for one task each, with the primitives that they are of.

@@ -11,7 +11,7 @@ use crate::share::Surfel;
 use crate::sight::{Sight, nearest_depth};
 use glam::{DAffine3, DVec3};
 use oblate_engine::cloud::{Material, Shapes, Splats, Strength, Surface};
-use oblate_engine::{Camera, Cloud, Projection};
+use oblate_engine::{Camera, Closed, Cloud, Projection};
 use rayon::prelude::*;
 
 /// How many surfels a mesh gets.
@@ -49,11 +49,12 @@ const BLUR: f64 = 0.4;
 /// The longest extent of surfels that are evenly wide, in spacings: single-precision positions don't resolve more.
 const MOST_SPACINGS: f64 = (1_u32 << 20) as f64;
 
-/// Half the depth tolerance of a mesh's surfels, as a share of the spacing: a sixth more than the mean standard deviation of their Gaussians.
-pub const KERNEL_SIGMA: f32 = 0.7;
+/// The radius of a mesh's surfels in spacings, by which distances from borders and the depth tolerance go: a sixth more than the mean
+/// standard deviation of their Gaussians.
+pub const MESH_SURFEL_RADIUS: f32 = 0.7;
 
 /// The floor w₀ of the summed coverage that [`sample`] keeps three radii away from borders and creases.
-pub const COVERAGE_FLOOR: f32 = 0.86;
+pub const MESH_COVERAGE_FLOOR: f32 = 0.86;
 
 /// Pieces that a mesh may be parted into, for each surfel it may have and for each of its triangles.
 const MOST_PIECES: [f64; 2] = [64.0, 2.0];
@@ -77,8 +78,8 @@ const APART: f64 = 0.5;
 ///   them it is left out;
 /// - opacity: the colour's alpha, if it is below 1 anywhere.
 ///
-/// The depth tolerance is two radii (2 [`KERNEL_SIGMA`] spacings: at one, creases fall apart), the coverage
-/// floor [`COVERAGE_FLOOR`]. Triangles without area are left out. The spacing grows where it must: beyond
+/// The depth tolerance is two radii (2 [`MESH_SURFEL_RADIUS`] spacings: at one, creases fall apart), the coverage
+/// floor [`MESH_COVERAGE_FLOOR`]. Triangles without area are left out. The spacing grows where it must: beyond
 /// [`SamplerSettings::max_surfels`], and below a millionth of the bounds, which single-precision positions do not resolve.
 ///
 /// A mesh that is opaque everywhere shows both sides; one that is not drops its backs if nothing in it is
@@ -111,7 +112,7 @@ pub fn sample(mesh: &Mesh, density: Density, settings: &SamplerSettings) -> Resu
 ///
 /// As [`sample`], but there is a cloud for each octave of depths, of which surfels are of one size within a factor of two: a half to
 /// one pixel apart, as wide as a pixel. Triangles are left out that the picture doesn't show: those more than 16 pixels beside it and,
-/// of an opaque mesh that is [closed](Mesh::is_closed), all that face away. Where nothing is seen there is no cloud. In this picture, and
+/// of an opaque mesh that is [closed](Mesh::is_closed), all that face away from a camera outside of its bounds. Where nothing is seen there is no cloud. In this picture, and
 /// with filters of less than four pixels, it looks as the whole mesh does. Beyond [`SamplerSettings::max_surfels`] all surfels are as
 /// many more pixels apart.
 ///
@@ -127,8 +128,11 @@ pub fn sample_seen(
     if whole.area == 0.0 {
         return Err(SampleError::NoArea);
     }
-    let is_closed = mesh.is_closed();
-    let drops_backs = is_closed && (mesh.is_single_sided() || mesh.is_opaque());
+    // Whoever is in a body sees its backs.
+    let is_outside = || camera.is_outside(&DAffine3::IDENTITY, whole.bounds);
+    let is_opaque = mesh.is_opaque();
+    let is_closed = mesh.is_closed() && (!is_opaque || is_outside());
+    let drops_backs = is_closed && (mesh.is_single_sided() || is_opaque);
     let Some(mut nearest) = nearest_depth(mesh, camera) else { return Ok(Vec::new()) };
     let mut pixels = 1.0;
     loop {
@@ -264,9 +268,13 @@ fn splats(
         strength: Strength::Surface(Surface {
             areas,
             opacities,
-            depth_tolerance: 2.0 * KERNEL_SIGMA * spacing as f32,
-            coverage_floor: COVERAGE_FLOOR,
-            closed: if translucent { mesh.is_single_sided() } else { is_closed }.into(),
+            depth_tolerance: 2.0 * MESH_SURFEL_RADIUS * spacing as f32,
+            coverage_floor: MESH_COVERAGE_FLOOR,
+            closed: match (translucent, mesh.is_single_sided()) {
+                (true, true) => Closed::OneSided,
+                (true, false) => Closed::Nowhere,
+                (false, _) => is_closed.into(),
+            },
         }),
         colors,
         harmonics: None,

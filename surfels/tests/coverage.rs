@@ -5,7 +5,7 @@ mod support;
 use glam::{DAffine3, DMat3, DVec3, dvec3};
 use oblate_engine::Cloud;
 use oblate_surfels::{
-    COVERAGE_FLOOR, Density, KERNEL_SIGMA, Mesh, Primitive, SamplerSettings, primitives, sample,
+    Density, MESH_COVERAGE_FLOOR, MESH_SURFEL_RADIUS, Mesh, Primitive, SamplerSettings, primitives, sample,
 };
 use std::f64::consts::TAU;
 use support::{Finder, mesh_of, quasirandom, surface, total_area};
@@ -14,13 +14,14 @@ const PLACES: usize = 3000;
 
 /// Above the floor, what is to be seen of unevenness is little: colours are means over Σw, and a layer counts as more than one sheet only
 /// where it covers farther above 1 than the floor is below.
-const CEILING: f64 = 2.0 - COVERAGE_FLOOR as f64;
+const CEILING: f64 = 2.0 - MESH_COVERAGE_FLOOR as f64;
 
 fn surfels(mesh: &Mesh, count: usize) -> (Cloud, f64) {
     let cloud = sample(mesh, Density::Count(count), &SamplerSettings::default()).expect("the mesh is right");
     let spacing = (mesh.area() / count as f64).sqrt();
     assert!(
-        (f64::from(surface(&cloud).depth_tolerance) / (2.0 * f64::from(KERNEL_SIGMA) * spacing) - 1.0).abs()
+        (f64::from(surface(&cloud).depth_tolerance) / (2.0 * f64::from(MESH_SURFEL_RADIUS) * spacing) - 1.0)
+            .abs()
             < 1e-5
     );
     // Each of n areas is rounded to f32 once, and positions were: 6e-8 each, to the second power.
@@ -31,12 +32,12 @@ fn surfels(mesh: &Mesh, count: usize) -> (Cloud, f64) {
 
 /// Checks Σw at places on the surface given with their outward normals.
 fn assert_even(cloud: &Cloud, spacing: f64, places: impl Iterator<Item = (DVec3, DVec3)>) {
-    let finder = Finder::new(cloud, 5.0 * f64::from(KERNEL_SIGMA) * spacing);
+    let finder = Finder::new(cloud, 5.0 * f64::from(MESH_SURFEL_RADIUS) * spacing);
     let covers: Vec<f64> = places.map(|(at, normal)| finder.coverage(at, normal)).collect();
     assert!(covers.len() > PLACES / 10, "only {} places were looked at", covers.len());
     let least = covers.iter().copied().fold(f64::INFINITY, f64::min);
     let most = covers.iter().copied().fold(0.0, f64::max);
-    assert!(least >= f64::from(COVERAGE_FLOOR), "Σw falls to {least}");
+    assert!(least >= f64::from(MESH_COVERAGE_FLOOR), "Σw falls to {least}");
     assert!(most <= CEILING, "Σw rises to {most}");
 }
 
@@ -65,7 +66,7 @@ fn a_square_of_huge_middling_or_tiny_triangles() {
         let (cloud, spacing) = surfels(&mesh_of(primitives::plane(cells), turned), 10_000);
         let ratio = cloud.len() as f64 / 10_000.0;
         assert!((0.9..1.1).contains(&ratio), "{cells}: {} surfels for 10000", cloud.len());
-        let inner = 1.0 - 3.0 * f64::from(KERNEL_SIGMA) * spacing;
+        let inner = 1.0 - 3.0 * f64::from(MESH_SURFEL_RADIUS) * spacing;
         let place = |i| {
             let [u, v] = quasirandom(i);
             let at = dvec3((2.0 * u - 1.0) * inner, 0.0, (2.0 * v - 1.0) * inner);
@@ -109,7 +110,7 @@ fn spheres_of_fine_and_coarse_triangles() {
     }
     let coarse = mesh_of(primitives::sphere(12), DAffine3::from_scale(dvec3(3.0, 3.0, 3.0)));
     let (cloud, spacing) = surfels(&coarse, 10_000);
-    assert_even(&cloud, spacing, within_triangles(&coarse, 3.0 * f64::from(KERNEL_SIGMA) * spacing));
+    assert_even(&cloud, spacing, within_triangles(&coarse, 3.0 * f64::from(MESH_SURFEL_RADIUS) * spacing));
 }
 
 #[test]
@@ -144,7 +145,7 @@ fn a_cube_has_even_faces_and_sharp_edges() {
     let mesh = cube();
     let (cloud, spacing) = surfels(&mesh, 12_000);
     assert!(surface(&cloud).closed.is_everywhere());
-    assert_even(&cloud, spacing, within_triangles(&mesh, 3.0 * f64::from(KERNEL_SIGMA) * spacing));
+    assert_even(&cloud, spacing, within_triangles(&mesh, 3.0 * f64::from(MESH_SURFEL_RADIUS) * spacing));
     // No surfel owns two sides of an edge: each lies in a face and faces as it does.
     let finder = Finder::new(&cloud, spacing);
     for (center, normal) in finder.centers.iter().zip(&finder.normals) {
@@ -160,7 +161,7 @@ fn both_sides_of_a_thin_wall() {
     let mut mesh = mesh_of(primitives::plane(1), DAffine3::IDENTITY);
     mesh.primitives.push(Primitive { primitive_to_mesh: back, ..primitives::plane(1) });
     let (cloud, spacing) = surfels(&mesh, 10_000); // spacing 0.028: the wall is 1/28 of it
-    assert_even(&cloud, spacing, within_triangles(&mesh, 3.0 * f64::from(KERNEL_SIGMA) * spacing));
+    assert_even(&cloud, spacing, within_triangles(&mesh, 3.0 * f64::from(MESH_SURFEL_RADIUS) * spacing));
 }
 
 #[test]
@@ -175,7 +176,7 @@ fn slivers_are_covered_along_their_length() {
     fan.normals = None;
     fan.tex_coords = None;
     let (cloud, spacing) = surfels(&mesh_of(fan, DAffine3::IDENTITY), 2_000);
-    let margin = 3.0 * f64::from(KERNEL_SIGMA) * spacing;
+    let margin = 3.0 * f64::from(MESH_SURFEL_RADIUS) * spacing;
     let place = |i| {
         let [u, v] = quasirandom(i);
         let (at, radius) = (dvec3(u, 0.0, v), u.hypot(v));

@@ -106,6 +106,15 @@ fn closed_meshes_are_told_from_open_ones() {
         assert!(!doubled.is_closed());
     }
     assert!(!mesh_of(primitives::plane(2), DAffine3::IDENTITY).is_closed());
+    // Inside out, by itself, beside one that isn't, and as a mirror image of what is.
+    let mut turned = sphere(DAffine3::from_translation(dvec3(5.0, 0.0, 0.0)));
+    let mirrored = sphere(DAffine3::from_scale(dvec3(1.0, 1.0, -1.0)));
+    turned.primitives[0].triangles.iter_mut().for_each(|triangle| triangle.swap(0, 1));
+    assert!(!turned.is_closed() && mirrored.is_closed());
+    let mut both = sphere(DAffine3::IDENTITY);
+    assert!(both.is_closed());
+    both.primitives.extend(turned.primitives);
+    assert!(!both.is_closed());
     assert!(!Mesh::default().is_closed());
     assert!(surface(&surfels(&knot(2, 3), 500).unwrap()).closed.is_everywhere());
 }

@@ -4,7 +4,7 @@ mod support;
 
 use glam::{DAffine3, DVec3, dvec3};
 use oblate_engine::{Camera, Cloud, Frame, Pose, RenderSettings, Scene, render};
-use oblate_surfels::{COVERAGE_FLOOR, Density, Mesh, SamplerSettings, primitives, sample, sample_seen};
+use oblate_surfels::{Density, MESH_COVERAGE_FLOOR, Mesh, SamplerSettings, primitives, sample, sample_seen};
 use support::{Finder, centers, mesh_of, outward, quasirandom, surface, total_area};
 
 const SIZE: u32 = 100;
@@ -29,7 +29,8 @@ fn seen_alike(mesh: &Mesh, camera: &Camera) -> Cloud {
 
 /// Of the whole mesh, as dense as surfels of what is seen.
 fn whole(mesh: &Mesh, seen: &Cloud) -> Cloud {
-    let spacing = f64::from(surface(seen).depth_tolerance) / (2.0 * f64::from(oblate_surfels::KERNEL_SIGMA));
+    let spacing =
+        f64::from(surface(seen).depth_tolerance) / (2.0 * f64::from(oblate_surfels::MESH_SURFEL_RADIUS));
     sample(mesh, Density::Spacing(spacing), &SamplerSettings::default()).expect("the mesh is right")
 }
 
@@ -89,6 +90,18 @@ fn what_is_beside_the_picture_is_left_out() {
         assert!((cloud.len() as f64 / expected - 1.0).abs() < 0.1, "{} surfels for {expected}", cloud.len());
         // Nothing is missing in the corners.
         assert!(picture(vec![cloud], &camera).color.iter().all(|pixel| pixel[3] > 0.999));
+    }
+}
+
+#[test]
+fn a_room_has_walls() {
+    let mesh = mesh_of(primitives::sphere(60), DAffine3::IDENTITY);
+    for eye in [DVec3::ZERO, dvec3(0.5, 0.1, -0.3)] {
+        let camera = camera(eye, dvec3(0.2, 0.3, 1.0));
+        let clouds = seen(&mesh, &camera);
+        assert!(clouds.iter().all(|cloud| !surface(cloud).closed.is_everywhere()), "{eye}");
+        let least = picture(clouds, &camera).color.iter().map(|pixel| pixel[3]).fold(1.0, f32::min);
+        assert!(least > 0.99, "{eye}: {least}");
     }
 }
 
@@ -174,6 +187,6 @@ fn where_octaves_meet_surfels_cover_as_evenly_as_elsewhere() {
         }
         println!("{places} places: Σw from {least} to {most}");
         assert!(places > 4000);
-        assert!(least >= f64::from(COVERAGE_FLOOR) && most <= 1.15);
+        assert!(least >= f64::from(MESH_COVERAGE_FLOOR) && most <= 1.15);
     }
 }

@@ -100,6 +100,7 @@ fn wrong_options_are_refused_in_one_message_and_leave_no_file() {
         (&["--level", "1"], "--level is for splats in several levels"),
         (&["--max-memory", "1x"], "512M or 16G"),
         (&["--spacing", "1,1,0"], "--spacing is 0"),
+        (&["--spacing", "-1,1,1"], "--spacing is -1"),
         (&["-o", "same.png", "--stats", "./same.png"], "--output and --stats name one file"),
         (&["--background", "red"], "RRGGBB"),
         (&["--shade", "maybe"], "`on` nor `off`"),

@@ -158,6 +158,7 @@ fn what_does_not_fit_is_refused_and_leaves_no_file() {
     for (args, says) in [
         (&["cube.obj", "a.stl"][..], ".ply, .splat, .spz, .glb, .nrrd and .vti"),
         (&["cube.obj", "a"], ".ply, .splat"),
+        (&["a.ply", "a.Compressed.ply"], "packed PLY is read, but not written"),
         (&["cube.obj", "a.nrrd"], "volume"),
         (&["a.ply", "a.vti"], "volume"),
         (&["ball_16x16x16_uint8.raw", "a.splat"], "--iso or --transfer"),

@@ -90,6 +90,7 @@ fn what_can_not_be_extracted_is_refused_and_leaves_no_file() {
     for (args, says) in [
         (&["cube.obj", "--iso", "1", "-o", "a.ply"][..], "no volume"),
         (&[BALL, "--iso", "250", "-o", "a.ply"], "no splats"),
+        (&[BALL, "--iso", "250", "-o", "a.ply"], "no surface is at 250; values "),
         (&[BALL, "--iso", "inf", "-o", "a.ply"], "--iso"),
         (&[BALL, "--iso", "100", "-o", "a.glb"], ".ply"),
         (&[BALL, "--iso", "100", "-o", "nowhere/a.ply"], "cannot write nowhere/a.ply"),

@@ -34,7 +34,7 @@ pub struct KernelSettings {
 pub struct Flattening {
     /// The value on the surface; finite.
     pub value: f32,
-    /// The least gradient of what becomes flat, in value per world unit; at least 0. Where it is 0 nothing becomes flat.
+    /// The least gradient of what becomes flat, in value per world unit; at least 0. A sample whose own gradient is zero never does.
     pub least_gradient: f32,
     /// Radius over thickness: from 1 (as ever) to infinity (surfels).
     pub ratio: f32,

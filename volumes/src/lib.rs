@@ -23,12 +23,12 @@ pub mod volume;
 pub use histogram::{Classes, Histogram, propose_iso};
 pub use irregular::{Arrangement, IrregularError, IrregularExtractor, IrregularVolume, Partition, Residual};
 pub use iso::{
-    COVERAGE_FLOOR, Grid, IRREGULAR_COVERAGE_FLOOR, Interpolation, IsoError, IsoExtractor, IsoSettings,
+    Grid, IRREGULAR_COVERAGE_FLOOR, ISO_COVERAGE_FLOOR, Interpolation, IsoError, IsoExtractor, IsoSettings,
     IsoSurfel, IsoSurfels, SURFEL_BLUR, iso_surfels, stream_iso_surfels,
 };
 pub use kernels::{Classifier, Flattening, KERNEL_SIGMA, KernelSettings, to_kernels};
 pub use paint::painted;
-pub use phantom::{marschner_lobb, marschner_lobb_at, shepp_logan};
+pub use phantom::{marschner_lobb, shepp_logan};
 pub use presets::{PRESETS, Preset, preset};
 pub use transfer::{
     ColorSpace, ControlPoint, GradientRamp, MAX_OPACITY, Optical, StrengthKind, TransferError,

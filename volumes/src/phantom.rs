@@ -58,7 +58,7 @@ pub fn shepp_logan(n: usize) -> Result<Volume, VolumeError> {
 
 /// The test signal of Marschner and Lobb (*An Evaluation of Reconstruction Filters for Volume Rendering*,
 /// 1994) with f_M = 6 and α = 0.25, at a point of the cube from −1 to 1; its values are from 0 to 1.
-pub fn marschner_lobb_at(point: DVec3) -> f64 {
+fn marschner_lobb_at(point: DVec3) -> f64 {
     const FREQUENCY: f64 = 6.0;
     const ALPHA: f64 = 0.25;
     let radius = point.x.hypot(point.y);
@@ -66,7 +66,8 @@ pub fn marschner_lobb_at(point: DVec3) -> f64 {
     (1.0 - (0.5 * PI * point.z).sin() + ALPHA * (1.0 + ripple)) / (2.0 * (1.0 + ALPHA))
 }
 
-/// The signal of [`marschner_lobb_at`] on `n`³ samples, f32, from −1 to 1 with samples on the cube's faces.
+/// The test signal of Marschner and Lobb (*An Evaluation of Reconstruction Filters for Volume Rendering*, 1994) with f_M = 6 and α = 0.25 on `n`³
+/// samples, f32, whose values are from 0 to 1, on the cube from −1 to 1 with samples on its faces.
 /// At 40, the size that its authors chose, the ripple's frequency reaches 0.48 cycles a sample: just below
 /// what the lattice can hold.
 ///

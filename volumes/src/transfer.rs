@@ -71,8 +71,8 @@ pub struct Optical {
 
 /// A piecewise linear transfer function.
 ///
-/// Control points are interpolated first, as they stand (DESIGN: colour unpremultiplied, in the function's
-/// own colour space, and strength in its own kind), and converted then. The first and last point hold
+/// Control points are interpolated first, as they stand (colours not premultiplied, in the function's own colour space, strengths in
+/// their own kind), and converted then. The first and last point hold
 /// beyond their values. Two points may share a value: a step, whose upper point counts from there on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransferFunction {

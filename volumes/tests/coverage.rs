@@ -6,10 +6,10 @@ mod common;
 
 use common::*;
 use glam::DVec3;
-use oblate_volumes::{COVERAGE_FLOOR, IsoSettings, iso_surfels};
+use oblate_volumes::{ISO_COVERAGE_FLOOR, IsoSettings, iso_surfels};
 
 /// A layer counts as more than one sheet where it covers farther above 1 than the floor is below (`engine/src/layers.rs`).
-const CEILING: f64 = 2.0 - COVERAGE_FLOOR as f64;
+const CEILING: f64 = 2.0 - ISO_COVERAGE_FLOOR as f64;
 
 /// On planes of any tilt, in any frame, Σw is 1 within 11 %: what the polygons' third moments and above, of up to a step in
 /// length, are when a blur of 0.4 steps has smoothed them. (A blur of 0.65 leaves 0.7 %, and a surface that is softer for it.)
@@ -38,7 +38,7 @@ fn planes_are_covered_evenly() {
     }
 }
 
-/// Spheres down to the radius that `COVERAGE_FLOOR` is promised for: closed, covered, of the right area.
+/// Spheres down to the radius that `ISO_COVERAGE_FLOOR` is promised for: closed, covered, of the right area.
 #[test]
 fn spheres_are_covered_down_to_the_promised_curvature() {
     let mut random = Random(8);
@@ -50,7 +50,7 @@ fn spheres_are_covered_down_to_the_promised_curvature() {
             let volume = sampled(dims, frame, |p| radius - (p - center).length());
             let cloud = iso_surfels(&volume, 0.0, &IsoSettings::default()).unwrap();
             assert!(surface(&cloud).closed.is_everywhere(), "{name}");
-            assert_eq!(surface(&cloud).coverage_floor, COVERAGE_FLOOR);
+            assert_eq!(surface(&cloud).coverage_floor, ISO_COVERAGE_FLOOR);
             let surfels = surfels(&cloud);
             let area =
                 surfels.iter().map(|s| s.3).sum::<f64>() / (4.0 * std::f64::consts::PI * radius * radius);
@@ -67,7 +67,7 @@ fn spheres_are_covered_down_to_the_promised_curvature() {
             // ρ/r: the area lacks less than ρ²/(2r²), and a cell's largest polygon, 1 by √2, has ρ² = 3/4.
             assert!(area <= 1.0 && area >= 1.0 - 0.375 / (steps * steps), "{name}, {steps} steps: {area}");
             assert!(
-                low >= f64::from(COVERAGE_FLOOR) && high <= CEILING,
+                low >= f64::from(ISO_COVERAGE_FLOOR) && high <= CEILING,
                 "{name}, {steps} steps: {low} to {high}"
             );
         }

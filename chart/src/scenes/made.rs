@@ -72,7 +72,7 @@ fn classified(volume: &Volume, transfer: &str) -> Result<Cloud, SubjectError> {
     Ok(to_kernels(volume, &transfer, &KernelSettings::default())?)
 }
 
-/// The volume of `head`, 72³ samples or 40³.
+/// The volume of `head`, 64³ samples or 40³.
 ///
 /// # Errors
 /// Never, unless numbers in this crate are wrong.

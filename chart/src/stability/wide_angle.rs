@@ -107,7 +107,7 @@ struct Found {
     is_affine: bool,
 }
 
-/// 1.159 κ + 1.1 (σ⊥/r)²: κ by the change of depth over the footprint, σ⊥ the largest σ across the ray, of a covariance over r².
+/// As [`Footprint::affine_peak_error`], but for what a splat is wide across its ray instead of along it, which also counts for other methods: 1.159 κ + 1.1 (σ⊥/r)²: κ by the change of depth over the footprint, σ⊥ the largest σ across the ray, of a covariance over r².
 fn estimated(footprint: &Footprint, across: DMat2) -> f64 {
     let [a, b, c] = footprint.conic_root;
     let slope = footprint.depth_slope * footprint.inverse_depth;

@@ -186,7 +186,7 @@ mod tests {
                 narrowest: 0.0,
                 highest_end: 0.0,
             };
-            let compositor = Compositor { records: &records.records, rects: &records.rects, lens, spent: 0.0, lead, keeps_depth: false };
+            let compositor = Compositor { records: &records.records, rects: &records.rects, lens, least_transmittance: 0.0, lead, keeps_depth: false };
             for [column, row] in (0..24).map(|i| [i % 6, i / 6]) {
                 let tile = Tile::new([column, row], SIDE, SIZE.map(|length| length as usize));
                 // Cuts so far away that they would end the list before it.

@@ -39,7 +39,7 @@ pub(crate) struct Compositor<'a> {
     pub(crate) records: &'a [Record],
     pub(crate) rects: &'a [Rect],
     pub(crate) lens: KernelLens,
-    pub(crate) spent: f32,
+    pub(crate) least_transmittance: f32,
     /// See [`lead`].
     pub(crate) lead: f32,
     /// Whether the depth of what is seen is asked for.
@@ -257,7 +257,8 @@ impl Compositor<'_> {
                 );
                 opening = O::load(simd, &runs.segments[0][here.block], &mut opens[0][here.block]);
             }
-            is_open = opening.seen().opacity.simd_lt(W::simd_from(simd, 1.0 - self.spent)).any_true();
+            is_open =
+                opening.seen().opacity.simd_lt(W::simd_from(simd, 1.0 - self.least_transmittance)).any_true();
             if !is_open {
                 break;
             }

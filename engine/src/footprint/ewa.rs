@@ -28,6 +28,13 @@ pub struct CameraSplat {
     pub factor: DMat3,
 }
 
+/// What an affine footprint is off by, of its energy: so much of κ and of λ, as [`Footprint::affine_error`] has them.
+pub(super) const OF_KAPPA: f64 = 1.74;
+pub(super) const OF_LAMBDA: f64 = 1.1;
+
+/// E|x| = 0.798 over a unit Gaussian: what it is off by where something changes by 1 over a standard deviation.
+pub(super) const MEAN_DEVIATION: f64 = 0.8;
+
 /// How a camera maps rays to pixels, and the filter at the pixels.
 #[derive(Clone, Copy, Debug)]
 pub struct Lens {
@@ -38,7 +45,7 @@ pub struct Lens {
     /// How depth acts.
     pub projection: Projection,
     /// Standard deviation of the low-pass filter in pixels.
-    pub low_pass: f64,
+    pub filter_sigma: f64,
 }
 
 impl Lens {
@@ -49,7 +56,7 @@ impl Lens {
             focal: intrinsics.focal,
             principal: intrinsics.center,
             projection: camera.projection(),
-            low_pass: low_pass_variance.sqrt(),
+            filter_sigma: low_pass_variance.sqrt(),
         }
     }
 
@@ -59,7 +66,7 @@ impl Lens {
         Self {
             focal: self.focal / step,
             principal: (self.principal - 0.5) / step + 0.5,
-            low_pass: self.low_pass / step,
+            filter_sigma: self.filter_sigma / step,
             ..self
         }
     }
@@ -162,7 +169,7 @@ impl Footprint {
         }
         let (v0, zeta, inverse_depth) =
             if perspective { (d / d.z, d.z.abs(), 1.0 / d.z) } else { (DVec3::Z, 1.0, 0.0) };
-        let filter = lens.low_pass * zeta;
+        let filter = lens.filter_sigma * zeta;
         let g = [
             splat.factor.x_axis * scale,
             splat.factor.y_axis * scale,
@@ -244,7 +251,7 @@ impl Footprint {
 
     /// √(D₀(Σ)/D₀(Σ')): by how much a compensated filter lowers the peak of a kernel of given opacity.
     pub fn filter_attenuation(&self, splat: &CameraSplat, lens: &Lens) -> f64 {
-        let unfiltered = Lens { low_pass: 0.0, ..*lens };
+        let unfiltered = Lens { filter_sigma: 0.0, ..*lens };
         // A kernel without area of its own is invisible next to its filter.
         Self::new(splat, &unfiltered).map_or(0.0, |sharp| self.unit_integral / sharp.unit_integral)
     }
@@ -256,7 +263,7 @@ impl Footprint {
     }
 
     /// Nearest and farthest z of the ellipsoid r ≤ `cutoff`.
-    pub fn depth_range(&self, cutoff: f64) -> [f64; 2] {
+    pub(crate) fn depth_range(&self, cutoff: f64) -> [f64; 2] {
         let reach = (cutoff * self.extent.zz).sqrt();
         [self.depth - reach, self.depth + reach]
     }
@@ -332,7 +339,7 @@ impl Footprint {
         } else {
             0.0
         };
-        1.74 * kappa + 1.1 * lambda + 0.8 * nu
+        OF_KAPPA * kappa + OF_LAMBDA * lambda + MEAN_DEVIATION * nu
     }
 
     /// Estimate of the largest |Δα| of the affine form for a kernel of peak opacity 1.

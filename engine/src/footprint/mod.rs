@@ -343,12 +343,7 @@ impl SceneView<'_> {
         let Self { scene, camera, settings, shaders, closing, looked, tile_side, .. } = *self;
         let (lens, frustum) = (Lens::new(camera, settings.low_pass), Frustum::new(camera));
         let view = View { camera, settings, lens, frustum, closing, looked, tile_side: tile_side as f32 };
-        Projector::new(
-            (&scene.clouds[range.cloud], range.level),
-            range.cloud as u16,
-            &shaders[range.cloud],
-            view,
-        )
+        Projector::new(&scene.clouds[range.cloud], range, &shaders[range.cloud], view)
     }
 }
 

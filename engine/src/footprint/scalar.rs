@@ -1,7 +1,7 @@
 //! One splat to a record in f64: the specification of the wide projection, and what it leaves to be done for splats
 //! that reach the camera plane or cover no area of their own.
 
-use super::ewa::{CameraSplat, Footprint, Lens};
+use super::ewa::{CameraSplat, Footprint, Lens, MEAN_DEVIATION};
 use super::record::{Form, Kind, Record, Rect};
 use super::{Projected, SurfaceSample, cutoff_gain};
 use crate::camera::{Camera, Projection};
@@ -9,7 +9,7 @@ use crate::closing::Closing;
 use crate::cloud::{Cloud, OpacityFilter, area_scale};
 use crate::color::{linear_to_srgb, srgb_to_linear};
 use crate::columns::{self, Columns};
-use crate::cull::Frustum;
+use crate::cull::{Frustum, VisibleRange};
 use crate::harmonics::basis;
 use crate::levels::{Level, Orientation};
 use crate::occlusion::Looked;
@@ -66,13 +66,8 @@ pub(super) struct Projector<'a> {
 }
 
 impl<'a> Projector<'a> {
-    /// Projects splats of a level of a cloud.
-    pub(super) fn new(
-        (cloud, level): (&'a Cloud, usize),
-        cloud_index: u16,
-        shader: &'a Shader,
-        view: View<'a>,
-    ) -> Self {
+    /// Projects splats of a range of a cloud.
+    pub(super) fn new(cloud: &'a Cloud, range: &VisibleRange, shader: &'a Shader, view: View<'a>) -> Self {
         let cloud_to_camera = view.camera.pose().world_to_camera * cloud.cloud_to_world();
         let linear = cloud_to_camera.matrix3;
         let determinant = linear.determinant().abs();
@@ -84,19 +79,18 @@ impl<'a> Projector<'a> {
         );
         let normal_to_camera = cofactor * linear.determinant().signum();
         let camera_to_cloud = cloud_to_camera.inverse();
-        let is_perspective = view.lens.projection == Projection::Perspective;
         Self {
             levels: cloud.levels(),
-            columns: &cloud.levels()[level].columns,
-            cloud_index,
+            columns: &cloud.levels()[range.level].columns,
+            cloud_index: range.cloud as u16,
             shader,
             view,
             cloud_to_camera,
             camera_to_cloud,
             normal_to_camera,
             determinant,
-            hides_backs: cloud.is_closed_for(&camera_to_cloud, is_perspective),
-            has_means: level > 0,
+            hides_backs: range.hides_backs,
+            has_means: range.level > 0,
         }
     }
 
@@ -222,7 +216,7 @@ impl<'a> Projector<'a> {
         if record.tag.kind != Kind::Surface && closing.has_slabs() {
             // The largest half-axis is less than this.
             let filter =
-                lens.low_pass / lens.focal.min_element() * if perspective { splat.center.z } else { 1.0 };
+                lens.filter_sigma / lens.focal.min_element() * if perspective { splat.center.z } else { 1.0 };
             let [x, y, z] = [splat.factor.x_axis, splat.factor.y_axis, splat.factor.z_axis];
             let trace = x.length_squared() + y.length_squared() + z.length_squared() + filter.powi(2);
             let along = [f64::from(distance), footprint.sigma_z * ray.length(), (cutoff * trace).sqrt()];
@@ -275,7 +269,7 @@ impl<'a> Projector<'a> {
                     let slope = slabs.distances(simd, mean, kernel).slope;
                     slope.map(|slope| f64::from(slope.reduce_max()))
                 });
-                0.8 * footprint.spread_of(slope.into()) / f64::from(slabs.thickness())
+                MEAN_DEVIATION * footprint.spread_of(slope.into()) / f64::from(slabs.thickness())
             }
         }
     }
@@ -316,7 +310,7 @@ fn axis_normal(factor: glam::Mat3) -> DVec3 {
 }
 
 /// Keeps the optical depth of a kernel of opacity 1 finite; off by less than 1e-6 of a channel.
-const LARGEST_ALPHA: f64 = 1.0 - 1e-6;
+pub(super) const LARGEST_ALPHA: f64 = 1.0 - 1e-6;
 
 /// How even the pixels' filter makes coverage at most, as a floor says it: what is cut off, and what a surface lacks that bends within a surfel,
 /// stay. With 0.99 eight pixels of a scanned head were as faint as 0.956 (`volumes/tests/holes.rs`).

@@ -43,6 +43,8 @@ pub(crate) struct Cluster {
     /// A sphere around the centres of all splats, and of those that they stand for, in cloud space.
     pub(crate) center: Vec3,
     pub(crate) radius: f32,
+    /// Half the lengths of a box around the centres of the splats of the first level, with the same middle.
+    pub(crate) half: Vec3,
     /// Of all these splats, at least.
     pub(crate) largest_sigma: f32,
     /// Around the normals of all these splats.
@@ -130,18 +132,19 @@ fn clusters(columns: &Columns) -> Vec<Cluster> {
     let cluster = |number: usize| {
         let start = number * CLUSTER_SIZE;
         let splats = start..columns.len.min(start + CLUSTER_SIZE);
-        let (center, radius, largest_sigma) =
+        let ([center, half], [radius, largest_sigma]) =
             dispatch!(simd::Level::best(), simd => extent(simd, columns, &splats));
         let normals = Cone::of(columns, &splats);
         let parents_need = [f32::INFINITY; 2];
-        Cluster { splats, center, radius, largest_sigma, normals, needs: [0.0; 2], parents_need }
+        Cluster { splats, center, radius, half, largest_sigma, normals, needs: [0.0; 2], parents_need }
     };
     (0..columns.len.div_ceil(CLUSTER_SIZE)).into_par_iter().map(cluster).collect()
 }
 
-/// A sphere around the centres of splats, the first of which begins a block, and their largest σ in any direction, at least.
+/// The middle of the box around the centres of splats, the first of which begins a block, and half its lengths; the radius of the sphere around them, and their
+/// largest σ in any direction, at least.
 #[inline(always)]
-fn extent<S: Simd>(simd: S, columns: &Columns, splats: &Range<usize>) -> (Vec3, f32, f32) {
+fn extent<S: Simd>(simd: S, columns: &Columns, splats: &Range<usize>) -> ([Vec3; 2], [f32; 2]) {
     // The last block is filled up with its last splat.
     let blocks = splats.start / LANES..splats.end.div_ceil(LANES);
     let (mut low, mut high) = (splat3(simd, [f32::INFINITY; 3]), splat3(simd, [f32::NEG_INFINITY; 3]));
@@ -171,7 +174,11 @@ fn extent<S: Simd>(simd: S, columns: &Columns, splats: &Range<usize>) -> (Vec3, 
         #[inline(always)]
         |squared| squared.reduce_max().sqrt() * (1.0 + 1e-6) + 1e-18,
     );
-    (Vec3::from(middle), radius, sigma)
+    let half = [0, 1, 2].each(
+        #[inline(always)]
+        |axis| (high[axis].reduce_max() - middle[axis]).max(middle[axis] - low[axis].reduce_min()),
+    );
+    ([middle, half].map(Vec3::from), [radius, sigma])
 }
 
 /// The centres of splats 8 · block up to 8 · block + 7.

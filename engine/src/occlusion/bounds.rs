@@ -43,7 +43,7 @@ impl Sight {
             world_to_camera: camera.pose().world_to_camera,
             size: camera.size(),
             root_cutoff,
-            plane_reach: f64::from(STEEPEST) * root_cutoff * lens.low_pass / lens.focal.min_element(),
+            plane_reach: f64::from(STEEPEST) * root_cutoff * lens.filter_sigma / lens.focal.min_element(),
             thickness,
         }
     }
@@ -112,7 +112,7 @@ impl Bounds {
                 0.0
             };
             let scale = if perspective { focal / nearest.max(f64::MIN_POSITIVE) } else { focal };
-            let half = sight.root_cutoff * (sigma * slope.hypot(1.0) * scale).hypot(sight.lens.low_pass);
+            let half = sight.root_cutoff * (sigma * slope.hypot(1.0) * scale).hypot(sight.lens.filter_sigma);
             low[axis] = from.min(centers[0] - half) - 1.0;
             high[axis] = to.max(centers[1] + half) + 1.0;
         }

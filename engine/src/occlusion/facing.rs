@@ -38,12 +38,17 @@ impl<'a> Facing<'a> {
             columns: &cloud.levels()[range.level].columns,
             to_camera: linear.as_mat3(),
             cofactors: cofactors.as_mat3(),
-            is_closed: cloud.is_closed_for(&to_camera.inverse(), sight.is_perspective()),
+            is_closed: range.hides_backs,
         }
     }
 
     /// What the surfels of a block of a range show, those that are drawn and face the viewer.
-    pub(super) fn block(&self, range: &VisibleRange, block: usize, spent: f64) -> [Shown; LANES] {
+    pub(super) fn block(
+        &self,
+        range: &VisibleRange,
+        block: usize,
+        least_transmittance: f64,
+    ) -> [Shown; LANES] {
         let (chosen, numbers) = dispatch!(Level::best(), simd => {
             let numbers = self.block_wide(simd, range, block).map(
                 #[inline(always)]
@@ -58,7 +63,11 @@ impl<'a> Facing<'a> {
                 return Shown::default();
             }
             let opacity = opacities.map_or(1.0, |opacities| opacities[lane]);
-            let opaque = if opacity < 1.0 { ((-opacity).ln_1p() / spent.ln() as f32).min(1.0) } else { 1.0 };
+            let opaque = if opacity < 1.0 {
+                ((-opacity).ln_1p() / least_transmittance.ln() as f32).min(1.0)
+            } else {
+                1.0
+            };
             Shown {
                 area: area[lane],
                 opaque: area[lane] * opaque,
@@ -69,10 +78,10 @@ impl<'a> Facing<'a> {
     }
 
     /// How many pixels a range covers, as told by few of its surfels.
-    pub(super) fn area(&self, range: &VisibleRange, spent: f64) -> f64 {
+    pub(super) fn area(&self, range: &VisibleRange, least_transmittance: f64) -> f64 {
         let blocks = sampled(range, 2);
         let share = range.splats.len() as f64 / (LANES * blocks.clone().count()).max(1) as f64;
-        let shown = blocks.flat_map(|block| self.block(range, block, spent));
+        let shown = blocks.flat_map(|block| self.block(range, block, least_transmittance));
         let area: f64 = shown.map(|shown| f64::from(shown.opaque)).sum();
         area * share * self.sight.pixels_at(range.center_in_camera)
     }

@@ -11,6 +11,7 @@ use super::sheet::{Patch, Sheet, sampled};
 use crate::cloud::Cloud;
 use crate::columns::{Columns, Factors, Kind, LANES};
 use crate::cull::VisibleRange;
+use crate::pass::{Pass, PerPass};
 use crate::scene::Scene;
 use crate::simd::*;
 use glam::Vec3;
@@ -30,7 +31,7 @@ const SAMPLED: usize = 4;
 
 /// One range of as many is asked first, and how often squares must be covered or filled in the mean to ask the others.
 const PROBED: usize = 8;
-const DEEP: [f64; 2] = [1.2, FILLED as f64];
+const DEEP: PerPass<f64> = PerPass { surfaces: 1.2, volumes: FILLED as f64 };
 
 /// How the squares of a picture are covered.
 #[derive(Default)]
@@ -55,20 +56,20 @@ impl Guess {
         self.tiles.resize(looked.tiles(), 0.0);
     }
 
-    /// Whether much of a kind may be hidden, as a few of its ranges tell.
+    /// Whether much of a pass may be hidden, as a few of its ranges tell.
     pub(super) fn may_hide(
         &self,
-        (scene, sight, spent): (&Scene, &Sight, f64),
-        kind: usize,
+        (scene, sight, least_transmittance): (&Scene, &Sight, f64),
+        pass: Pass,
         ranges: &[VisibleRange],
     ) -> bool {
         let mut is_touched = vec![false; self.tiles.len()];
         let mut sum = 0.0;
         for range in ranges.iter().step_by(PROBED) {
             let cloud = &scene.clouds[range.cloud];
-            sum += match kind {
-                0 => Facing::new(sight, cloud, range).area(range, spent),
-                _ => optical_area(sight, cloud, range) / -spent.ln(),
+            sum += match pass {
+                Pass::Surfaces => Facing::new(sight, cloud, range).area(range, least_transmittance),
+                Pass::Volumes => optical_area(sight, cloud, range) / -least_transmittance.ln(),
             };
             let [columns, rows] = squares(&Bounds::new(sight, range).pixels, self.side);
             for row in rows {
@@ -76,7 +77,7 @@ impl Guess {
             }
         }
         let touched = is_touched.into_iter().filter(|is_touched| *is_touched).count() * self.side * self.side;
-        sum * PROBED as f64 >= DEEP[kind] * touched as f64
+        sum * PROBED as f64 >= DEEP[pass] * touched as f64
     }
 
     /// Whether a surface that is missing from some cells is to be drawn next: not while nearer ones cover all of these
@@ -98,13 +99,13 @@ impl Guess {
     /// The surfaces that seem to be hidden, of ranges from near to far; not those that are turned away.
     pub(super) fn hidden_surfaces(
         &mut self,
-        (scene, sight, spent): (&Scene, &Sight, f64),
+        (scene, sight, least_transmittance): (&Scene, &Sight, f64),
         ranges: &[VisibleRange],
     ) -> Vec<u32> {
         self.sheets.resize_with(ranges.len().max(self.sheets.len()), Sheet::default);
         self.sheets.par_iter_mut().zip(ranges).for_each(|(sheet, range)| {
             let facing = Facing::new(sight, &scene.clouds[range.cloud], range);
-            sheet.spread(sight, &facing, (range, spent));
+            sheet.spread(sight, &facing, (range, least_transmittance));
         });
         let size = (self.columns[0], self.cells.len());
         let cells = |patch: &Patch, border: f32| squares_around(patch, border, size);
@@ -143,11 +144,11 @@ impl Guess {
     /// The volumes that seem to be hidden by each other, of those that are chosen.
     pub(super) fn hidden_volumes(
         &mut self,
-        (scene, sight, spent): (&Scene, &Sight, f64),
+        (scene, sight, least_transmittance): (&Scene, &Sight, f64),
         (ranges, bounds, chosen): (&[VisibleRange], &[Bounds], &[u32]),
     ) -> Vec<u32> {
         let filling = |(range, bounds): (&VisibleRange, &Bounds)| {
-            let depth = optical_area(sight, &scene.clouds[range.cloud], range) / -spent.ln();
+            let depth = optical_area(sight, &scene.clouds[range.cloud], range) / -least_transmittance.ln();
             (depth / bounds.area.max(1.0)) as f32
         };
         ranges.par_iter().zip(bounds).map(filling).collect_into_vec(&mut self.fillings);

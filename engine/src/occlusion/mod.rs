@@ -15,6 +15,7 @@ use crate::camera::Camera;
 use crate::closing::Closing;
 use crate::cull::VisibleRange;
 use crate::footprint::Lens;
+use crate::pass::{Pass, PerPass};
 use crate::scene::{RenderSettings, Scene};
 use bounds::{Bounds, Sight};
 use facing::Facing;
@@ -34,13 +35,12 @@ const LEAST_CELLS: usize = 16;
 /// Less than this share of the splats isn't worth the rounds that leaving it out may take.
 const WORTH_IT: f64 = 0.33;
 
-/// What is drawn, what is left out, and how far the tiles were looked into. Of two kinds each: surfaces, which are drawn first, and
-/// volumes.
+/// What is drawn, what is left out, and how far the tiles were looked into.
 #[derive(Default)]
 pub(crate) struct Occlusion {
     bounds: Vec<Bounds>,
     guess: Guess,
-    left_out: [Vec<u32>; 2],
+    left_out: PerPass<Vec<u32>>,
     /// How many splats of volumes are in clusters that cuts hide.
     behind_cuts: u64,
     next: Vec<u32>,
@@ -56,8 +56,8 @@ pub(crate) struct Visible<'a> {
     pub(crate) camera: &'a Camera,
     pub(crate) settings: &'a RenderSettings,
     pub(crate) closing: Closing,
-    /// Surfaces, which come from near to far, and volumes.
-    pub(crate) ranges: &'a [Vec<VisibleRange>; 2],
+    /// Of surfaces from near to far.
+    pub(crate) ranges: &'a PerPass<Vec<VisibleRange>>,
 }
 
 impl Visible<'_> {
@@ -67,9 +67,9 @@ impl Visible<'_> {
         Sight::new(camera, lens, (settings.farthest_end(), f64::from(closing.thickness())))
     }
 
-    /// How many splats are drawn of a range of a kind.
-    fn count(&self, kind: usize, rank: u32) -> u64 {
-        let range = &self.ranges[kind][rank as usize];
+    /// How many splats are drawn of a pass's range.
+    fn count(&self, pass: Pass, rank: u32) -> u64 {
+        let range = &self.ranges[pass][rank as usize];
         range.count(self.scene.clouds[range.cloud].levels()) as u64
     }
 }
@@ -78,15 +78,16 @@ impl Occlusion {
     /// Begins a frame with tiles of a side.
     pub(crate) fn begin(&mut self, size: [u32; 2], side: usize) {
         self.looked.clear(size, side);
-        self.left_out.iter_mut().for_each(Vec::clear);
+        self.left_out.surfaces.clear();
+        self.left_out.volumes.clear();
         self.behind_cuts = 0;
     }
 
-    /// Begins with a kind. What surfaces hide of volumes is known by then; what else is hidden is guessed, and left out where that is
+    /// Begins a pass. What surfaces hide of volumes is known by then; what else is hidden is guessed, and left out where that is
     /// worth it.
-    pub(crate) fn begin_kind(&mut self, kind: usize, visible: Visible) {
+    pub(crate) fn begin_pass(&mut self, pass: Pass, visible: Visible) {
         let Visible { scene, settings, .. } = visible;
-        let ranges = &visible.ranges[kind];
+        let ranges = &visible.ranges[pass];
         self.changed.clear();
         self.changed.resize(self.looked.tiles(), true);
         self.rounds = 0;
@@ -98,8 +99,8 @@ impl Occlusion {
         let sight = visible.sight();
         let view = (scene, &sight, settings.tolerance / 4.0);
         self.guess.begin(&self.looked);
-        let may_hide = self.looked.cells() >= LEAST_CELLS && self.guess.may_hide(view, kind, ranges);
-        let has_cuts = kind == 1 && !visible.ranges[0].is_empty();
+        let may_hide = self.looked.cells() >= LEAST_CELLS && self.guess.may_hide(view, pass, ranges);
+        let has_cuts = pass == Pass::Volumes && !visible.ranges.surfaces.is_empty();
         if !may_hide && !has_cuts {
             return;
         }
@@ -110,12 +111,11 @@ impl Occlusion {
         if !may_hide {
             return;
         }
-        let hidden = if kind == 0 {
-            self.guess.hidden_surfaces(view, ranges)
-        } else {
-            self.guess.hidden_volumes(view, (ranges, &self.bounds, &self.next))
+        let hidden = match pass {
+            Pass::Surfaces => self.guess.hidden_surfaces(view, ranges),
+            Pass::Volumes => self.guess.hidden_volumes(view, (ranges, &self.bounds, &self.next)),
         };
-        if kind == 0 {
+        if pass == Pass::Surfaces {
             self.next.retain(|rank| !self.guess.is_turned_away(*rank));
         }
         let splats =
@@ -126,7 +126,7 @@ impl Occlusion {
         let mut is_left_out = vec![false; ranges.len()];
         hidden.iter().for_each(|rank| is_left_out[*rank as usize] = true);
         self.next.retain(|rank| !is_left_out[*rank as usize]);
-        self.left_out[kind] = hidden;
+        self.left_out[pass] = hidden;
     }
 
     /// Leaves out the volumes that are hidden by what is drawn of surfaces, for good.
@@ -136,20 +136,20 @@ impl Occlusion {
             let Bounds { pixels, near, .. } = &bounds[*rank as usize];
             let is_hidden = looked.hides_kernel(pixels, *near);
             if is_hidden {
-                *behind_cuts += visible.count(1, *rank);
+                *behind_cuts += visible.count(Pass::Volumes, *rank);
             }
             !is_hidden
         });
     }
 
-    /// The ranges of the kind that are to be projected in this round, by their places among the visible ones.
+    /// The ranges of the pass that are to be projected in this round, by their places among the visible ones.
     pub(crate) fn next(&self) -> &[u32] {
         &self.next
     }
 
-    /// Whether anything of a kind is left out.
-    pub(crate) fn leaves_out(&self, kind: usize) -> bool {
-        !self.left_out[kind].is_empty()
+    /// Whether anything is left out of a pass.
+    pub(crate) fn leaves_out(&self, pass: Pass) -> bool {
+        !self.left_out[pass].is_empty()
     }
 
     /// Which tiles are to be drawn in this round.
@@ -162,9 +162,9 @@ impl Occlusion {
         &self.looked
     }
 
-    /// Finds what of a kind was left out of the tiles as they are drawn now but is seen; false if nothing was.
-    pub(crate) fn find_missing(&mut self, kind: usize, visible: Visible) -> bool {
-        if !self.leaves_out(kind) {
+    /// Finds what a pass left out of the tiles as they are drawn now but is seen; false if nothing was.
+    pub(crate) fn find_missing(&mut self, pass: Pass, visible: Visible) -> bool {
+        if !self.leaves_out(pass) {
             return false;
         }
         let Visible { scene, ranges, .. } = visible;
@@ -175,11 +175,11 @@ impl Occlusion {
         let enough = (1_u32 << (self.rounds - 1)) as f32;
         self.guess.begin(&self.looked);
         self.changed.fill(false);
-        let (bounds, looked, ranges) = (&self.bounds, &self.looked, &ranges[kind]);
+        let (bounds, looked, ranges) = (&self.bounds, &self.looked, &ranges[pass]);
         // In which squares those that are missing are seen: cells of surfaces, tiles of volumes.
         let find = |rank: &u32| -> Vec<u32> {
             let (bounds, range) = (&bounds[*rank as usize], &ranges[*rank as usize]);
-            if kind == 1 {
+            if pass == Pass::Volumes {
                 let tiles = looked.tiles_that_show(&bounds.pixels, [bounds.near, bounds.distance]);
                 return tiles.map(|tile| tile as u32).collect();
             }
@@ -188,21 +188,18 @@ impl Occlusion {
             }
             Facing::new(&sight, &scene.clouds[range.cloud], range).cells_that_show(range, looked)
         };
-        let found: Vec<Vec<u32>> = self.left_out[kind].par_iter().map(find).collect();
+        let found: Vec<Vec<u32>> = self.left_out[pass].par_iter().map(find).collect();
         self.next.clear();
         let mut found = found.into_iter();
-        self.left_out[kind].retain(|rank| {
+        self.left_out[pass].retain(|rank| {
             let squares = found.next().unwrap_or_default();
-            let is_next = match kind {
-                _ if squares.is_empty() => false,
-                0 => takes_all || self.guess.admits(*rank, &squares, enough),
-                _ => true,
-            };
+            let is_next = !squares.is_empty()
+                && (pass == Pass::Volumes || takes_all || self.guess.admits(*rank, &squares, enough));
             if is_next {
                 self.next.push(*rank);
                 for square in squares {
                     let square = square as usize;
-                    let tile = if kind == 0 { self.looked.tile_of(square) } else { square };
+                    let tile = if pass == Pass::Surfaces { self.looked.tile_of(square) } else { square };
                     self.changed[tile] = true;
                 }
             }
@@ -213,7 +210,7 @@ impl Occlusion {
 
     /// How many splats are left out with their clusters.
     pub(crate) fn count(&self, visible: Visible) -> u64 {
-        let of = |kind: usize| self.left_out[kind].iter().map(move |rank| visible.count(kind, *rank));
-        of(0).chain(of(1)).sum::<u64>() + self.behind_cuts
+        let of = |pass: Pass| self.left_out[pass].iter().map(move |rank| visible.count(pass, *rank));
+        Pass::BOTH.into_iter().flat_map(of).sum::<u64>() + self.behind_cuts
     }
 }

@@ -39,8 +39,13 @@ pub(super) struct Sheet {
 }
 
 impl Sheet {
-    /// Turns into that of a range of surfels; translucent ones count by how much of the way to `spent` they go.
-    pub(super) fn spread(&mut self, sight: &Sight, facing: &Facing, (range, spent): (&VisibleRange, f64)) {
+    /// Turns into that of a range of surfels; translucent ones count by how much of the way to `least_transmittance` they go.
+    pub(super) fn spread(
+        &mut self,
+        sight: &Sight,
+        facing: &Facing,
+        (range, least_transmittance): (&VisibleRange, f64),
+    ) {
         let scale = sight.pixels_at(range.center_in_camera).sqrt();
         self.reach = (sight.root_cutoff * range.filtered(sight) * scale) as f32;
         self.patches.clear();
@@ -48,7 +53,7 @@ impl Sheet {
         let share = range.splats.len() as f64 / (LANES * blocks.clone().count()).max(1) as f64;
         let mut area = 0.0;
         for block in blocks {
-            let shown = facing.block(range, block, spent);
+            let shown = facing.block(range, block, least_transmittance);
             let mut whole = Shown::default();
             shown.iter().for_each(|own| whole.add(own));
             area += f64::from(whole.area) * share * scale * scale;

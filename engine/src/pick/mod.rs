@@ -149,7 +149,7 @@ impl Picker {
         let camera_to_needle = DAffine3 { matrix3: shear, translation: -origin };
         let needle = Needle {
             world_to_needle: camera_to_needle * camera.pose().world_to_camera,
-            filter_reach: MOST_REACH * lens.low_pass / lens.focal,
+            filter_reach: MOST_REACH * lens.filter_sigma / lens.focal,
             perspective,
             near: camera.near(),
         };

@@ -41,9 +41,9 @@ pub(crate) struct SurfelLens {
 
 impl SurfelLens {
     pub(crate) fn new(lens: &Lens, near: f32, cutoff: f32) -> Self {
-        let thickness = (lens.low_pass / lens.focal.min_element()) as f32;
+        let thickness = (lens.filter_sigma / lens.focal.min_element()) as f32;
         let is_perspective = lens.projection == Projection::Perspective;
-        let filter_area = lens.low_pass.powi(2) as f32;
+        let filter_area = lens.filter_sigma.powi(2) as f32;
         let farthest_offset = STEEPEST * cutoff.sqrt() * thickness;
         Self { near, cutoff, is_perspective, farthest_offset, thickness, filter_area }
     }

@@ -1,7 +1,8 @@
 //! Two slow pictures of a scene that are right, to measure fast ones by.
 //!
-//! Both see the scene as its splats and share no formula with the rasterizer: every ray meets every splat
-//! by brute force in f64.
+//! Both see the scene as its splats and share no code with the rasterizer: every ray meets every splat
+//! by brute force in f64. What a surface is (its layers, the floor of its coverage, its outline) is a definition, and is written
+//! here once more: that both agree shows that the rasterizer follows it.
 //!
 //! * **R1** filters the splats with the pixel's low-pass and integrates the emission–absorption equation
 //!   along the ray through the pixel's centre, all overlapping kernels attenuating each other. It isolates

@@ -6,7 +6,6 @@ use super::integral::{Fragment, REACH};
 use super::layers::Sample;
 use super::shading::{Lighting, Spot};
 use super::view::{Ray, View};
-use crate::camera::Projection;
 use crate::cloud::{Cloud, OpacityFilter};
 use crate::color::{linear_to_srgb, srgb_to_linear};
 use crate::columns::Kind;
@@ -109,7 +108,6 @@ impl<'a> Setup<'a> {
         low_pass: f64,
     ) -> Self {
         let world_to_camera = camera.pose().world_to_camera;
-        let is_perspective = camera.projection() == Projection::Perspective;
         let mut clouds = Vec::with_capacity(scene.clouds.len());
         let mut count = 0usize;
         for cloud in &scene.clouds {
@@ -124,7 +122,7 @@ impl<'a> Setup<'a> {
                 normal_to_camera: handedness * DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)),
                 handedness,
                 volume_scale: linear.determinant().abs(),
-                hides_backs: cloud.is_closed_for(&to_camera.inverse(), is_perspective),
+                hides_backs: cloud.is_closed_for(camera),
             });
             count += cloud.len();
         }

@@ -121,7 +121,7 @@ impl<'a> Specification<'a> {
         }
     }
 
-    fn spent(&self) -> f64 {
+    fn least_transmittance(&self) -> f64 {
         self.settings.tolerance / 4.0
     }
 
@@ -171,9 +171,9 @@ impl<'a> Specification<'a> {
             let divisor = if is_perspective { facing + change } else { facing };
             // The planes of surfels much smaller than the filter are followed to 45° instead of 86°, and layers of theirs are thicker.
             let [a, _, c] = record.conic_root.map(f64::from);
-            let of_filter = (self.lens.low_pass.powi(2) * a * c).min(1.0);
+            let of_filter = (self.lens.filter_sigma.powi(2) * a * c).min(1.0);
             let smallness = of_filter.powi(4);
-            let filter_sigma = self.lens.low_pass / self.lens.focal.min_element() * zeta.abs();
+            let filter_sigma = self.lens.filter_sigma / self.lens.focal.min_element() * zeta.abs();
             let limit = (15.0 - 14.0 * smallness) * cutoff.sqrt() * filter_sigma;
             let offset = depth - zeta * change / divisor - z;
             let offset = if offset.is_nan() { -limit } else { offset.clamp(-limit, limit) };
@@ -207,7 +207,7 @@ impl<'a> Specification<'a> {
         let mut left = self.samples(pixel)?;
         let mut cuts: Vec<SpecifiedCut> = Vec::new();
         let (mut bare, mut covered) = (1.0, 0.0);
-        while !left.is_empty() && cuts.len() < MOST_LAYERS && bare + covered > self.spent() {
+        while !left.is_empty() && cuts.len() < MOST_LAYERS && bare + covered > self.least_transmittance() {
             let last = cuts.len() + 1 == MOST_LAYERS;
             let first = left.iter().copied().reduce(|a, b| if b.z < a.z { b } else { a })?;
             let limit = first.farthest + first.tolerance;
@@ -236,7 +236,7 @@ impl<'a> Specification<'a> {
             let again = if bare < 1.0 { (coverage - beside) / (1.0 - bare) } else { 0.0 };
             covered = covered * (1.0 - opacity * again) + beside * (1.0 - opacity);
             bare -= beside;
-            if ((bare + covered) / self.spent() - 1.0).abs() < 0.01 {
+            if ((bare + covered) / self.least_transmittance() - 1.0).abs() < 0.01 {
                 return None;
             }
             let z = mean(|s| s.z).max(cuts.last().map_or(f64::NEG_INFINITY, |cut| cut.z));
@@ -252,7 +252,7 @@ impl<'a> Specification<'a> {
     ///   rounding), and to what rounding does to r;
     /// - a kernel whose outline runs through the pixel may be there or not;
     /// - a share is right to 0.4 of what rounding does to depths over σ_z, and what is 4σ_z away counts as none;
-    /// - behind a transmittance of `spent` anything may be left out;
+    /// - behind a transmittance of `least_transmittance` anything may be left out;
     /// - sums and means of layers are right to 2e-5.
     fn runs(&self, pixel: [usize; 2], cuts: &[SpecifiedCut]) -> (Vec<(DVec3, f64)>, f64) {
         let center = DVec2::new(pixel[0] as f64, pixel[1] as f64) + 0.5;
@@ -264,7 +264,7 @@ impl<'a> Specification<'a> {
             if !contains(&self.volumes.rects[*place], pixel) {
                 continue;
             }
-            if runs[0].1 < 1.05 * self.spent() {
+            if runs[0].1 < 1.05 * self.least_transmittance() {
                 bound += runs[0].1;
                 break;
             }
@@ -450,9 +450,9 @@ struct Report {
 fn compare(scene: &Scene, camera: &Camera, settings: &RenderSettings, level: Level) -> Report {
     let mut renderer = Renderer::with(level, 16);
     renderer.render(scene, camera, settings, &()).unwrap();
-    // The renderer's own distances are spent by sorting.
+    // The renderer's own distances are used up by sorting.
     let mut volumes = Records::default();
-    let closing = Closing::new(scene, camera, settings, &renderer.visible[1]).unwrap();
+    let closing = Closing::new(scene, camera, settings, &renderer.visible.volumes).unwrap();
     let view = SceneView {
         scene,
         camera,
@@ -463,9 +463,9 @@ fn compare(scene: &Scene, camera: &Camera, settings: &RenderSettings, level: Lev
         tile_side: 16,
         level,
     };
-    let all: Vec<u32> = (0..renderer.visible[1].len() as u32).collect();
-    volumes.append(&view, &renderer.visible[1], &all);
-    let records = [&renderer.surfaces.records, &volumes];
+    let all: Vec<u32> = (0..renderer.visible.volumes.len() as u32).collect();
+    volumes.append(&view, &renderer.visible.volumes, &all);
+    let records = [&renderer.drawn.surfaces.records, &volumes];
     let specification = Specification::new(records, (camera, settings, closing), &renderer.cloud_surfaces);
     let frame = &renderer.frame;
     let (mut worst, mut share, mut seen, mut doubtful) = (0.0_f64, 0.0_f64, 0, 0);

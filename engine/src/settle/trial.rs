@@ -128,6 +128,8 @@ impl<'a> Trial<'a> {
             interpolation: false,
             // A share of the whole picture's would mean nothing here.
             budget: None,
+            // Nor would what is off in a picture of forms say anything of the scene's.
+            color_by_form: false,
             ..*settings
         };
         let idle = || self.renderers.lock().unwrap_or_else(PoisonError::into_inner);

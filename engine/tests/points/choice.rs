@@ -26,7 +26,7 @@ fn the_estimate_bounds_what_roundness_changes() {
             focal: DVec2::splat(500.0),
             principal: DVec2::splat(200.0),
             projection,
-            low_pass: 0.3f64.sqrt(),
+            filter_sigma: 0.3f64.sqrt(),
         };
         for size in [0.01, 0.03, 0.1, 0.3, 1.0, 3.0] {
             for index in 0..40 {

@@ -84,6 +84,11 @@ impl Target {
     /// # Errors
     /// When the name's ending tells no format.
     pub fn of(path: &Path, trained: bool) -> Result<Self, ExportError> {
+        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_ascii_lowercase();
+        if name.ends_with(".compressed.ply") {
+            let problem = "packed PLY is read, but not written; .ply, .spz and .splat are";
+            return Err(ExportError::Unsuited(format!("{}: {problem}", path.display())));
+        }
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
         Ok(match extension.as_str() {
             "ply" if trained => Self::GaussianPly,

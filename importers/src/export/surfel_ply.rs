@@ -269,7 +269,7 @@ mod tests {
         let plane = (prop::array::uniform3(number()), number())
             .prop_map(|(normal, offset)| HalfSpace { normal: DVec3::from_array(normal), offset })
             .prop_filter("a direction", |plane| plane.normal != DVec3::ZERO);
-        prop_oneof![Just(Closed::Nowhere), vec(plane, 0..=6).prop_map(Closed::Within)]
+        prop_oneof![Just(Closed::Nowhere), Just(Closed::OneSided), vec(plane, 0..=6).prop_map(Closed::Within)]
     }
 
     fn strength(count: usize) -> BoxedStrategy<Strength> {

@@ -56,7 +56,7 @@ pub(crate) struct Description {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Kernel {
     /// `surface`, with `depth_tolerance`, `coverage_floor`, `closed` (0 or 1), and where it is closed within half-spaces alone, `within`:
-    /// four numbers each, the normal's and the offset.
+    /// four numbers each, the normal's and the offset; or `sides 1`, where its backs are not shown to anybody.
     Surface { depth_tolerance: f32, coverage_floor: f32, closed: Closed },
     /// `extinction`.
     Extinction,
@@ -101,7 +101,11 @@ impl fmt::Display for Description {
 }
 
 fn write_closed(f: &mut fmt::Formatter<'_>, closed: &Closed) -> fmt::Result {
-    let Closed::Within(planes) = closed else { return write!(f, " closed 0") };
+    let planes = match closed {
+        Closed::Nowhere => return write!(f, " closed 0"),
+        Closed::OneSided => return write!(f, " closed 1 sides 1"),
+        Closed::Within(planes) => planes,
+    };
     write!(f, " closed 1")?;
     for (number, HalfSpace { normal, offset }) in planes.iter().enumerate() {
         let DVec3 { x, y, z } = normal;
@@ -114,10 +118,10 @@ fn write_closed(f: &mut fmt::Formatter<'_>, closed: &Closed) -> fmt::Result {
 struct Words<'a>(HashMap<&'a str, &'a str>);
 
 impl Words<'_> {
-    fn one_of<T: Copy>(&mut self, key: &str, values: &[(&str, T)]) -> Result<T, String> {
+    fn one_of<T: Clone>(&mut self, key: &str, values: &[(&str, T)]) -> Result<T, String> {
         let found = self.0.remove(key).ok_or_else(|| format!("{key:?} is missing"))?;
         let value = values.iter().find(|(name, _)| *name == found);
-        value.map(|(_, value)| *value).ok_or_else(|| {
+        value.map(|(_, value)| value.clone()).ok_or_else(|| {
             let names: Vec<&str> = values.iter().map(|(name, _)| *name).collect();
             format!("{key} is {found:?}; it is {}", names.join(" or "))
         })
@@ -131,6 +135,9 @@ impl Words<'_> {
 
     fn closed(&mut self) -> Result<Closed, String> {
         let is_closed = self.one_of("closed", &[("0", false), ("1", true)])?;
+        if is_closed && self.0.contains_key("sides") {
+            return self.one_of("sides", &[("1", Closed::OneSided), ("2", Closed::EVERYWHERE)]);
+        }
         let Some(list) = self.0.remove("within").filter(|_| is_closed) else { return Ok(is_closed.into()) };
         let wrong = || {
             format!("within is {list:?}; it is four numbers for each half-space, the first three not all 0")

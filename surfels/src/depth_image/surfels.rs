@@ -120,7 +120,7 @@ impl<'a> Maker<'a> {
             opacity: 1.0,
             depth_tolerance: (DEPTH_TOLERANCE * pixel_width) as f32,
             coverage_floor: COVERAGE_FLOOR,
-            closed: Closed::EVERYWHERE,
+            closed: Closed::OneSided,
             material: settings.material,
         };
         cloud.renew(self.squares.pixels(), &look, |numbers, places| self.put(numbers, share, places))?;

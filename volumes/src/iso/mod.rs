@@ -39,7 +39,7 @@ use crate::volume::{Volume, VolumeError};
 /// The least summed coverage of iso-surfels on planes and on surfaces whose radius of curvature is at least five of the
 /// grid's longest steps, three radii away from borders. The worst planes have 0.89, by polygons' third moments, and so have spheres, though
 /// flat surfels lack about 3σ²/r² there. What is left is for rough places, such as those of a scanned head.
-pub const COVERAGE_FLOOR: f32 = 0.865;
+pub const ISO_COVERAGE_FLOOR: f32 = 0.865;
 
 /// The least summed coverage of iso-surfels of irregular volumes on planes, where steps double from one cell to the next along all axes at once.
 pub const IRREGULAR_COVERAGE_FLOOR: f32 = 0.7;

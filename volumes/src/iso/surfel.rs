@@ -14,7 +14,7 @@ use super::stencil::{Batch, REGISTERS, corners, differences};
 /// The polygons tile the surface, so each one blurred by the same Gaussian would cover it evenly. A surfel has
 /// the covariance of its blurred polygon; only third moments and above are lost. On planes summed coverage
 /// stays within 11 % of 1, with a surfel's standard deviation near 0.49 steps on average: what varies is divided out of colours, and
-/// opacities are whole from [`COVERAGE_FLOOR`](super::COVERAGE_FLOOR) on. A wider blur covers more evenly (0.65 within 1 %) and
+/// opacities are whole from [`ISO_COVERAGE_FLOOR`](super::ISO_COVERAGE_FLOOR) on. A wider blur covers more evenly (0.65 within 1 %) and
 /// shows a softer surface, slower.
 pub const SURFEL_BLUR: f64 = 0.4;
 

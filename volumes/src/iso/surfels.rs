@@ -10,7 +10,7 @@ use oblate_engine::{Closed, Cloud, Shapes, Splats, Strength, Surface, SurfelLook
 
 use super::block::{Block, Chunk};
 use super::surfel::IsoSurfel;
-use super::{COVERAGE_FLOOR, IRREGULAR_COVERAGE_FLOOR, IsoError, IsoSettings};
+use super::{IRREGULAR_COVERAGE_FLOOR, ISO_COVERAGE_FLOOR, IsoError, IsoSettings};
 use crate::volume::GridFrame;
 
 /// A little more than the largest standard deviation of a surfel, in steps: no polygon in a cell has much more than 1/6 as
@@ -100,7 +100,7 @@ impl IsoSurfels {
     }
 
     fn coverage_floor(&self) -> f32 {
-        if self.irregular { IRREGULAR_COVERAGE_FLOOR } else { COVERAGE_FLOOR }
+        if self.irregular { IRREGULAR_COVERAGE_FLOOR } else { ISO_COVERAGE_FLOOR }
     }
 
     /// As splats, relative to the grid's sample (0, 0, 0).

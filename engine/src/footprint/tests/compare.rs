@@ -41,7 +41,7 @@ impl Bounds {
         } else {
             (0.0, 1.0, 1.0)
         };
-        let h = lens.low_pass;
+        let h = lens.filter_sigma;
         let largest = (0..3).map(|i| splat.factor.col(i).length()).fold(0.0, f64::max);
         let spread = splat.factor.row(2).length();
         let e = EPSILON * largest * (1.0 + ray) * focal / zeta * ratio;

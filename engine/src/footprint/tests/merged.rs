@@ -89,7 +89,7 @@ fn is_projected_as_one_is(case: &Case) -> Result<(), TestCaseError> {
     let columns = &scene.clouds[0].levels()[above].columns;
     let first = LANES * (block * (columns.len / LANES) as f64) as usize;
     let mut range = VisibleRange::whole(first..first + LANES, columns.center(first), true);
-    range.level = above;
+    (range.level, range.hides_backs) = (above, closed);
     let projector = view.projector(&range);
     // Places in the body, at most 2.5 times as large, are rounded, and so are directions from the eye, which is not nearer than it is wide.
     const ROUNDING: f64 = 200.0 * f32::EPSILON as f64;

@@ -4,6 +4,7 @@ use super::WideProjector;
 use super::geometry::{Footprints, Placed};
 use crate::closing::{Closing, Distances};
 use crate::columns;
+use crate::footprint::ewa::{MEAN_DEVIATION, OF_KAPPA, OF_LAMBDA};
 use crate::scene::FootprintForm;
 use crate::simd::*;
 use std::f32::consts::FRAC_2_PI;
@@ -91,7 +92,7 @@ impl WideProjector<'_> {
             let per_z = placed.inverse_z * placed.inverse_z;
             let kappa2 = of_depth * per_z;
             let lambda = sigma_z.mul_add(*sigma_z * per_z, kappa2);
-            error = kappa2.sqrt().mul_add(splat(simd, 1.74), lambda * 1.1);
+            error = kappa2.sqrt().mul_add(splat(simd, OF_KAPPA as f32), lambda * OF_LAMBDA as f32);
             if self.scalar.columns.kind == columns::Kind::Extinction {
                 let inverse_length2 = splat(simd, 1.0) / dot(placed.ray, placed.ray);
                 let g = [0, 1].each(
@@ -102,7 +103,7 @@ impl WideProjector<'_> {
                     variance[0],
                     (g[1] * g[1]).mul_add(variance[1], g[0] * g[1] * *covariance * 2.0),
                 );
-                error = nu2.max(zero).sqrt().mul_add(splat(simd, 0.8), error);
+                error = nu2.max(zero).sqrt().mul_add(splat(simd, MEAN_DEVIATION as f32), error);
             }
         }
         let share = splat(simd, self.tolerance / 4.0);
@@ -111,7 +112,8 @@ impl WideProjector<'_> {
         match &self.scalar.view.closing {
             _ if matches!(self.scalar.columns.kind, columns::Kind::Surface(_)) => {}
             Closing::Slabs(slabs) => {
-                of_point = along.variance.sqrt().mul_add(splat(simd, 0.8 / slabs.thickness()), of_point);
+                let per_deviation = MEAN_DEVIATION as f32 / slabs.thickness();
+                of_point = along.variance.sqrt().mul_add(splat(simd, per_deviation), of_point);
             }
             Closing::PerPixel => of_point = splat(simd, f32::INFINITY),
             Closing::Centers { .. } | Closing::Sheets(_) => {}

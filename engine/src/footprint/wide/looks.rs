@@ -1,6 +1,6 @@
 //! Colours, normals and amplitudes.
 
-use super::super::scalar::EVENLY_COVERED;
+use super::super::scalar::{EVENLY_COVERED, LARGEST_ALPHA};
 use super::WideProjector;
 use super::geometry::{Footprints, Placed, lanes};
 use super::orientation::Spread;
@@ -133,7 +133,7 @@ impl WideProjector<'_> {
                     OpacityFilter::Classic => strength * footprints.gain,
                     OpacityFilter::Compensated => strength * footprints.attenuation,
                 };
-                let amplitude = peak.min(splat(simd, 1.0 - 1e-6));
+                let amplitude = peak.min(splat(simd, LARGEST_ALPHA as f32));
                 let is_seen = amplitude.simd_gt(splat(simd, self.least_opacity));
                 const TWO_LN2: f32 = 2.0 * std::f32::consts::LN_2;
                 let over = amplitude * (1.0 / self.least_opacity);

@@ -94,7 +94,7 @@ impl<'a> WideProjector<'a> {
             per_area_scale: scalar.determinant.cbrt().powi(2).max(f64::MIN_POSITIVE).recip() as f32,
             is_even: !is_surface || is_similarity(linear),
             cutoff: cutoff as f32,
-            low_pass: lens.low_pass.powi(2) as f32,
+            low_pass: lens.filter_sigma.powi(2) as f32,
             near: scalar.view.camera.near() as f32,
             tolerance: settings.tolerance as f32,
             least_opacity: settings.least_opacity().max(1e-30) as f32,

@@ -1,0 +1,78 @@
+//! Closed surfaces seen from inside.
+
+#![expect(clippy::unwrap_used, reason = "what is not there fails the test")]
+
+mod scenes;
+
+use glam::{DAffine3, DVec3};
+use oblate_engine::{
+    Camera, Closed, Cloud, Frame, Pose, ReferenceKind, RenderSettings, Scene, Strength, reference,
+};
+use scenes::{draw, sphere, unshaded};
+
+const SIZE: u32 = 48;
+
+fn camera(eye: DVec3, is_parallel: bool) -> Camera {
+    let pose = Pose::look_at(eye, eye + DVec3::Z, DVec3::Y).unwrap();
+    if is_parallel {
+        Camera::orthographic(pose, 0.5, [SIZE; 2]).unwrap()
+    } else {
+        Camera::perspective(pose, 1.2, [SIZE; 2]).unwrap()
+    }
+}
+
+fn ball(closed: Closed) -> Cloud {
+    let mut splats = sphere(4000, 1.0, [0.25, 0.5, 0.75]).splats();
+    let Strength::Surface(surface) = &mut splats.strength else { unreachable!("they are surfels") };
+    surface.closed = closed;
+    // Elsewhere, and turned: what counts is where it is in the world.
+    Cloud::new(splats).unwrap().transformed(DAffine3::from_axis_angle(DVec3::ONE.normalize(), 0.7))
+}
+
+fn pictures(closed: Closed, camera: &Camera, settings: &RenderSettings) -> [Frame; 2] {
+    let scene = Scene { clouds: vec![ball(closed)], lights: Vec::new() };
+    let exact = reference(&scene, camera, settings, ReferenceKind::R1, &|_| ()).unwrap();
+    [draw(scene.clouds, camera, settings), exact]
+}
+
+fn least_alpha(frame: &Frame) -> f32 {
+    frame.color.iter().map(|pixel| pixel[3]).fold(1.0, f32::min)
+}
+
+#[test]
+fn who_is_in_a_body_sees_its_walls() {
+    for is_parallel in [false, true] {
+        for eye in [DVec3::ZERO, DVec3::new(0.3, -0.2, 0.5)] {
+            for frame in pictures(Closed::EVERYWHERE, &camera(eye, is_parallel), &unshaded()) {
+                // Coverage is even to 1 %, and whole from its floor of 0.98 on.
+                assert!(least_alpha(&frame) > 0.99, "{eye}, {is_parallel}: {}", least_alpha(&frame));
+            }
+        }
+    }
+}
+
+#[test]
+fn what_the_near_plane_opens_shows_its_other_side() {
+    // From 2 before the middle the nearest place is 1 away: with the near plane behind it one looks at the far wall from inside.
+    for is_parallel in [false, true] {
+        let camera = camera(DVec3::NEG_Z * 2.0, is_parallel).with_near(1.3).unwrap();
+        for frame in pictures(Closed::EVERYWHERE, &camera, &unshaded()) {
+            let middle = frame.depth[(SIZE * SIZE / 2 + SIZE / 2) as usize];
+            // σ of a surfel is 0.8 √(4π/4000) = 0.045: within 3.5 of them the wall is 0.013 flatter than a plane.
+            assert!((middle - 3.0).abs() < 0.013, "{is_parallel}: {middle}");
+        }
+    }
+}
+
+#[test]
+fn one_sided_sheets_have_no_backs_from_anywhere() {
+    for is_parallel in [false, true] {
+        for frame in pictures(Closed::OneSided, &camera(DVec3::ZERO, is_parallel), &unshaded()) {
+            assert!(frame.color.iter().all(|pixel| pixel[3] == 0.0));
+        }
+        let outside = camera(DVec3::NEG_Z * 3.0, is_parallel);
+        let [one_sided, body] =
+            [Closed::OneSided, Closed::EVERYWHERE].map(|closed| pictures(closed, &outside, &unshaded()));
+        assert!(one_sided[0].color == body[0].color && one_sided[1].color == body[1].color);
+    }
+}
