@@ -48,8 +48,8 @@ struct Standing {
 }
 
 impl Standing {
-    /// What is left of it: where nothing is cut itself, else what of it stands in each place. Says if that is nothing.
-    fn cut(self, console: Console) -> Result<Vec<Self>> {
+    /// What is left of it: where nothing is cut itself, else what of it stands in each place.
+    fn cut(self) -> Result<Vec<Self>> {
         if self.kept.is_empty() {
             return Ok(vec![self]);
         }
@@ -57,11 +57,7 @@ impl Standing {
             let cloud = self.cloud.clone().transformed(*to).clipped(&self.kept)?;
             Ok(Self { name: self.name.clone(), cloud, moves: vec![DAffine3::IDENTITY], kept: Vec::new() })
         };
-        let left: Vec<Self> = self.moves.iter().map(in_place).collect::<Result<_>>()?;
-        if !self.cloud.is_empty() && left.iter().all(|standing| standing.cloud.is_empty()) {
-            console.say(format_args!("{}: the planes leave nothing of it", self.name));
-        }
-        Ok(left)
+        self.moves.iter().map(in_place).collect()
     }
 }
 
@@ -138,7 +134,16 @@ pub(crate) fn assemble(
     }
 
     let (mut clouds, mut origins) = (Vec::with_capacity(places), Vec::with_capacity(places));
-    let cut = standing.into_iter().map(|standing| standing.cut(console)).collect::<Result<Vec<_>>>()?;
+    let shown = standing.iter().filter(|standing| !standing.cloud.is_empty());
+    let mut names: Vec<String> = shown.map(|standing| standing.name.clone()).collect();
+    names.dedup();
+    let cut = standing.into_iter().map(Standing::cut).collect::<Result<Vec<_>>>()?;
+    for name in names {
+        let mut left = cut.iter().flatten().filter(|standing| standing.name == name);
+        if left.all(|standing| standing.cloud.is_empty()) {
+            console.say(format_args!("{name}: the planes leave nothing of it"));
+        }
+    }
     // Where a thing was cut each of its places has a cloud of its own.
     for (place, Standing { name, mut cloud, moves, .. }) in
         cut.into_iter().flat_map(|places| places.into_iter().enumerate())

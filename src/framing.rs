@@ -181,7 +181,8 @@ impl Framed<'_> {
         let center = self.rotation * self.middle;
         let z = z_for_x.min(z_for_y);
         // A single point needs no distance, but for roundings, and none at all has no place: stand one unit away.
-        let seen = z.is_finite() && center.z - z > 1e-13 * center.length();
+        let roundings = 1e-14 * center.length() / self.tangent.min_element();
+        let seen = z.is_finite() && center.z - z > roundings;
         let eye = if seen { DVec3::new(x, y, z) } else { center - DVec3::Z };
         let to_world = self.rotation.transpose();
         [to_world * eye, to_world * DVec3::new(eye.x, eye.y, center.z)]

@@ -44,7 +44,7 @@ impl Cloud {
     ///
     /// A Gaussian that a plane goes through becomes the one with the mass, mean and covariance of its part inside; a flat one
     /// is cut within its plane. So a cut is as sharp as splats are narrow: what is summed up fades over about a σ. Colours
-    /// and normals stay. A surface of which something is cut is not closed any more. Ids follow the order of what is left; levels
+    /// and normals stay. A body of which something is cut is not closed any more; what is one-sided stays so. Ids follow the order of what is left; levels
     /// of detail are to be made again.
     ///
     /// # Errors
@@ -129,7 +129,10 @@ fn of_parts(splats: Splats, parts: &[(usize, Part)]) -> Splats {
         Strength::Surface(surface) => Strength::Surface(Surface {
             areas: shares(&surface.areas, f32::MAX, mass),
             opacities: surface.opacities.map(|values| parts.iter().map(|(i, _)| values[*i]).collect()),
-            closed: Closed::Nowhere,
+            closed: match surface.closed {
+                Closed::OneSided => Closed::OneSided,
+                Closed::Nowhere | Closed::Within(_) => Closed::Nowhere,
+            },
             ..surface
         }),
     };

@@ -7,6 +7,7 @@ use glam::{DAffine3, DVec3};
 /// From where a surface is closed: what of its splats faces away from an eye there is not drawn.
 ///
 /// Whoever is outside of a body sees its fronts alone: an eye outside of the box around it is, and its near plane, too, if that doesn't cut the box.
+/// The box is that around its splats' centres, and reaches to the planes at which the body ends.
 /// Of a body that ends at planes, as an iso-surface does at the border of its grid,
 /// backs are seen through those planes only: a ray that begins within all of the half-spaces leaves each at most once, so it enters the
 /// body through a front.
@@ -59,6 +60,20 @@ impl Closed {
                 planes.iter().all(|plane| plane.normal.dot(eye) >= plane.offset * nearness)
             }
         }
+    }
+
+    /// The corners of a box around a body by those of the box around its surface: it reaches to the planes that it ends at.
+    pub(crate) fn around(&self, [low, high]: [DVec3; 2]) -> [DVec3; 2] {
+        let Self::Within(planes) = self else { return [low, high] };
+        planes.iter().fold([low, high], |[low, high], plane| {
+            let onto = |corner: DVec3| {
+                let beyond = plane.normal.dot(corner) - plane.offset;
+                corner - plane.normal * (beyond / plane.normal.length_squared())
+            };
+            let corner =
+                |number: usize| DVec3::from([0, 1, 2].map(|axis| [low, high][number >> axis & 1][axis]));
+            (0..8).map(corner).map(onto).fold([low, high], |[low, high], p| [low.min(p), high.max(p)])
+        })
     }
 
     /// Of a surface that is moved.
@@ -136,6 +151,19 @@ mod tests {
         assert_eq!(a.clone().and(&a), a);
         assert_eq!(Closed::EVERYWHERE.and(&b), b);
         assert_eq!(a.and(&Closed::Nowhere), Closed::Nowhere);
+    }
+
+    #[test]
+    fn a_body_reaches_to_the_planes_at_which_it_ends() {
+        // A hilly ground over z = 0, which goes on to x = 9.
+        let ground = HalfSpace { normal: DVec3::Z * 2.0, offset: 0.0 };
+        let side = HalfSpace { normal: DVec3::NEG_X, offset: -9.0 };
+        let surface = [DVec3::new(1.0, 1.0, 3.0), DVec3::new(8.0, 5.0, 4.0)];
+        let around = |closed: Closed| closed.around(surface);
+        let body = around(Closed::Within(vec![ground, side]));
+        assert_eq!(body, [DVec3::new(1.0, 1.0, 0.0), DVec3::new(9.0, 5.0, 4.0)]);
+        assert_eq!(around(Closed::EVERYWHERE), surface);
+        assert_eq!(around(Closed::OneSided), surface);
     }
 
     #[test]

@@ -261,10 +261,10 @@ impl Cloud {
         if !is_before_ends || surface.closed == Closed::OneSided {
             return is_before_ends;
         }
-        let clusters = self.levels[0].clusters.iter();
-        let boxes = clusters.map(|cluster| [-1.0, 1.0].map(|side| cluster.center + side * cluster.half));
-        let all = boxes.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]);
-        all.is_none_or(|corners| camera.is_outside(&self.cloud_to_world, corners.map(Vec3::as_dvec3)))
+        self.levels[0].bounds.is_none_or(|corners| {
+            let body = surface.closed.around(corners.map(Vec3::as_dvec3));
+            camera.is_outside(&self.cloud_to_world, body)
+        })
     }
 
     /// Whether renderers have levels of detail to choose from.

@@ -220,7 +220,7 @@ fn find_visible(
             pixel_filter,
             allowance: allowance(cloud.levels(), settings.tolerance) * settings.level_of_detail * widening
                 / stretch,
-            end: settings.cutoff_of(&cloud.columns().kind),
+            end: settings.farthest_end(),
             stretch,
             cloud_to_camera,
             hides_backs_from: cloud.is_closed_for(camera).then_some(viewer),
@@ -322,7 +322,7 @@ struct Search<'a> {
     pixel_filter: f64,
     /// What makes a filter in the world one that needs are compared with.
     allowance: f64,
-    /// The squared Mahalanobis radius at which splats end.
+    /// The squared Mahalanobis radius at which every splat has ended, kernel or surfel: bounds of what is hidden go by the same.
     end: f64,
     stretch: f64,
     cloud_to_camera: DAffine3,

@@ -52,6 +52,31 @@ fn who_is_in_a_body_sees_its_walls() {
 }
 
 #[test]
+fn a_body_is_where_it_stands() {
+    // Stretched along x, mirrored and moved, and with levels of detail: the eye is within 3 of the middle along x alone.
+    let place = DAffine3::from_scale_rotation_translation(
+        DVec3::new(3.0, 1.0, -1.0),
+        glam::DQuat::from_rotation_z(0.4),
+        DVec3::new(10.0, 20.0, 30.0),
+    );
+    for levels in [false, true] {
+        let mut cloud = Cloud::new(sphere(4000, 1.0, [1.0; 3]).splats()).unwrap();
+        if levels {
+            cloud = cloud.with_levels();
+        }
+        let cloud = cloud.transformed(place);
+        let seen = |from: DVec3| {
+            let eye = place.transform_point3(from);
+            let frame = draw(vec![cloud.clone()], &camera(eye, false), &unshaded());
+            (least_alpha(&frame), frame.depth[(SIZE * SIZE / 2 + SIZE / 2) as usize])
+        };
+        assert!(seen(DVec3::new(0.8, 0.0, 0.0)).0 > 0.99, "{levels}");
+        // The far side of a body that is seen from outside isn't: what is nearest is its front, at a distance of 3.
+        assert!((seen(DVec3::new(0.0, 0.0, 4.0)).1 - 3.0).abs() < 0.02, "{levels}");
+    }
+}
+
+#[test]
 fn what_the_near_plane_opens_shows_its_other_side() {
     // From 2 before the middle the nearest place is 1 away: with the near plane behind it one looks at the far wall from inside.
     for is_parallel in [false, true] {
@@ -71,8 +96,10 @@ fn one_sided_sheets_have_no_backs_from_anywhere() {
             assert!(frame.color.iter().all(|pixel| pixel[3] == 0.0));
         }
         let outside = camera(DVec3::NEG_Z * 3.0, is_parallel);
-        let [one_sided, body] =
-            [Closed::OneSided, Closed::EVERYWHERE].map(|closed| pictures(closed, &outside, &unshaded()));
-        assert!(one_sided[0].color == body[0].color && one_sided[1].color == body[1].color);
+        let [one_sided, body, open] = [Closed::OneSided, Closed::EVERYWHERE, Closed::Nowhere]
+            .map(|closed| pictures(closed, &outside, &unshaded()));
+        for [one_sided, body, open] in [0, 1].map(|i| [&one_sided[i], &body[i], &open[i]]) {
+            assert!(one_sided.color == body.color && body.color != open.color, "{is_parallel}");
+        }
     }
 }

@@ -13,7 +13,7 @@ use anyhow::{Context, Result, anyhow, ensure};
 use clap::Args;
 use glam::{DAffine3, DVec3, Vec3};
 use oblate::engine::{Blend, Cloud, Splats, Strength};
-use oblate::importers::export::{Target, save};
+use oblate::importers::export::{Target, check_name, save};
 use oblate::importers::{Content, Note};
 use std::path::PathBuf;
 
@@ -57,6 +57,7 @@ pub(crate) fn run(args: ConvertArgs) -> Result<()> {
     let console = Console { quiet: args.quiet };
     args.look.check().and_then(|()| args.file.check()).map_err(Wrong::option)?;
     // Names that tell no format and places that can't be written to are found before the work.
+    check_name(&args.to)?;
     if args.target.is_none() {
         Target::of(&args.to, false)?;
     }

@@ -12,7 +12,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::Args;
 use glam::DVec3;
 use oblate::engine::{Blend, Closed, Splats, Strength};
-use oblate::importers::export::SurfelWriter;
+use oblate::importers::export::{SurfelWriter, check_name};
 use oblate::importers::{Content, RawSlices, Watch};
 use oblate::surfels::{Deviation, Merged, merge_flat};
 use oblate::volumes::{
@@ -112,6 +112,7 @@ pub(crate) fn run(args: ExtractArgs) -> Result<()> {
     }
     let is_ply = args.output.extension().is_none_or(|e| e.eq_ignore_ascii_case("ply"));
     ensure!(is_ply, "{}: surfels are written as .ply; convert writes others", args.output.display());
+    check_name(&args.output)?;
     use_threads(args.threads)?;
     // Places that can't be written to are found before the work.
     let output = Output::begin(&args.output)?;

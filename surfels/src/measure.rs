@@ -6,7 +6,6 @@ use crate::mesh::{Mesh, Primitive, Texture};
 use crate::sight::Sight;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use std::collections::HashMap;
 
 /// Triangles that one task measures.
 const TRIANGLES_PER_TASK: usize = 4096;
@@ -87,7 +86,7 @@ impl Mesh {
 
     /// Whether the surface is closed: every edge belongs to exactly two triangles that run along it in
     /// opposite directions, and each part that hangs together encloses a volume on the inner side of its triangles, so that nobody outside sees
-    /// their backs. Vertices at exactly one place count as one, whatever primitive they are of.
+    /// their backs. (The wall of a cavity by itself doesn't: a mesh with one is not closed.) Vertices at exactly one place count as one, whatever primitive they are of.
     pub fn is_closed(&self) -> bool {
         let bits = |primitive: &Primitive, p: &Vec3| {
             let placed = primitive.primitive_to_mesh.transform_point3(p.as_dvec3());
@@ -127,7 +126,7 @@ impl Mesh {
         let once = edges.par_windows(2).all(|pair| pair[0] != pair[1]);
         let is_closed = once && edges.par_iter().all(|&(a, b)| edges.binary_search(&(b, a)).is_ok());
         let known: Vec<DVec3> = known.par_iter().map(|place| place.map(f64::from_bits).into()).collect();
-        is_closed && !triangles.is_empty() && volumes(&known, &triangles).iter().all(|volume| *volume > 0.0)
+        is_closed && !triangles.is_empty() && enclose(&known, &triangles)
     }
 
     /// Whether nothing in it is double-sided.
@@ -158,8 +157,8 @@ impl Mesh {
     }
 }
 
-/// The volumes of the parts of closed triangles that hang together; negative where corners are counter-clockwise seen from inside.
-fn volumes(places: &[DVec3], triangles: &[[u32; 3]]) -> Vec<f64> {
+/// Whether each part of closed triangles that hangs together encloses a volume, its corners counter-clockwise seen from outside.
+fn enclose(places: &[DVec3], triangles: &[[u32; 3]]) -> bool {
     /// Places lead to others of their part; the last one, which stands for it, leads to itself.
     fn last_of(leads_to: &mut [u32], mut place: u32) -> u32 {
         while leads_to[place as usize] != place {
@@ -176,14 +175,14 @@ fn volumes(places: &[DVec3], triangles: &[[u32; 3]]) -> Vec<f64> {
             leads_to[last as usize] = first;
         }
     }
-    let mut volumes = HashMap::new();
+    // By the place that stands for a part; from there, so that what is far away is as exact.
+    let mut volumes = vec![0.0; places.len()];
     for [a, b, c] in triangles {
-        let part = last_of(&mut leads_to, *a);
-        // From a corner of the part: what is far away is as exact.
-        let [a, b, c] = [a, b, c].map(|corner| places[*corner as usize] - places[part as usize]);
-        *volumes.entry(part).or_insert(0.0) += a.dot(b.cross(c)) / 6.0;
+        let part = last_of(&mut leads_to, *a) as usize;
+        let [a, b, c] = [a, b, c].map(|corner| places[*corner as usize] - places[part]);
+        volumes[part] += a.dot(b.cross(c)) / 6.0;
     }
-    volumes.into_values().collect()
+    triangles.iter().all(|[a, ..]| volumes[last_of(&mut leads_to, *a) as usize] > 0.0)
 }
 
 /// The triangles of a mesh in parts for one task each, with the primitives that they are of.

@@ -129,10 +129,8 @@ pub fn sample_seen(
         return Err(SampleError::NoArea);
     }
     // Whoever is in a body sees its backs.
-    let is_outside = || camera.is_outside(&DAffine3::IDENTITY, whole.bounds);
-    let is_opaque = mesh.is_opaque();
-    let is_closed = mesh.is_closed() && (!is_opaque || is_outside());
-    let drops_backs = is_closed && (mesh.is_single_sided() || is_opaque);
+    let is_closed = camera.is_outside(&DAffine3::IDENTITY, whole.bounds) && mesh.is_closed();
+    let drops_backs = is_closed && (mesh.is_single_sided() || mesh.is_opaque());
     let Some(mut nearest) = nearest_depth(mesh, camera) else { return Ok(Vec::new()) };
     let mut pixels = 1.0;
     loop {

@@ -89,13 +89,13 @@ pub(super) fn coarser(below: &Level, tolerance: f64) -> Level {
         above.grains = Some(Column::new(column(|m| m.grain), |grain| [*grain]));
     }
     let needs = column(|m| m.need);
-    let mut clusters = clusters(&above);
+    let (mut clusters, bounds) = clusters(&above);
     for cluster in &mut clusters {
         cluster.needs = range_of(needs[cluster.splats.clone()].iter().copied());
     }
     let median_sigma = above.median_sigma();
     let needs = Some(Column::new(needs, |need| [*need]));
-    Level { columns: above, clusters, median_sigma, needs, tolerance }
+    Level { columns: above, clusters, bounds, median_sigma, needs, tolerance }
 }
 
 /// The variance of what is even along a cell of length 1. Where families clump their cells have gaps, which are samples' own.

@@ -27,6 +27,8 @@ use std::ops::Range;
 pub(crate) struct Level {
     pub(crate) columns: Columns,
     pub(crate) clusters: Vec<Cluster>,
+    /// Corners of the box around the centres of its splats; `None` without any.
+    pub(crate) bounds: Option<[Vec3; 2]>,
     /// See [`Columns::median_sigma`].
     pub(crate) median_sigma: Option<f32>,
     /// The least standard deviation of the pixel's filter, at a splat and in cloud space, for which it may stand for its
@@ -43,8 +45,6 @@ pub(crate) struct Cluster {
     /// A sphere around the centres of all splats, and of those that they stand for, in cloud space.
     pub(crate) center: Vec3,
     pub(crate) radius: f32,
-    /// Half the lengths of a box around the centres of the splats of the first level, with the same middle.
-    pub(crate) half: Vec3,
     /// Of all these splats, at least.
     pub(crate) largest_sigma: f32,
     /// Around the normals of all these splats.
@@ -57,9 +57,9 @@ pub(crate) struct Cluster {
 impl Level {
     /// The first level.
     pub(crate) fn of_splats(columns: Columns) -> Self {
-        let clusters = clusters(&columns);
+        let (clusters, bounds) = clusters(&columns);
         let median_sigma = columns.median_sigma();
-        Self { columns, clusters, median_sigma, needs: None, tolerance: 1.0 }
+        Self { columns, clusters, bounds, median_sigma, needs: None, tolerance: 1.0 }
     }
 
     /// Needs of the splats 8 · block up to 8 · block + 7.
@@ -94,7 +94,7 @@ pub(crate) fn with_coarser(mut levels: Vec<Level>, tolerance: f64) -> Vec<Level>
         && own.columns.len > CLUSTER_SIZE
     {
         make_compact(&mut own.columns);
-        own.clusters = clusters(&own.columns);
+        (own.clusters, own.bounds) = clusters(&own.columns);
     }
     while let Some(below) = levels.last().filter(|level| level.columns.len > CLUSTER_SIZE) {
         let above = coarser(below, tolerance);
@@ -127,22 +127,27 @@ fn range_of(values: impl Iterator<Item = f32>) -> [f32; 2] {
     values.fold([f32::INFINITY, 0.0], |[least, most], value| [least.min(value), most.max(value)])
 }
 
-/// Cuts a level into clusters of consecutive splats.
-fn clusters(columns: &Columns) -> Vec<Cluster> {
+/// Cuts a level into clusters of consecutive splats; gives the corners of the box around all centres, too.
+fn clusters(columns: &Columns) -> (Vec<Cluster>, Option<[Vec3; 2]>) {
     let cluster = |number: usize| {
         let start = number * CLUSTER_SIZE;
         let splats = start..columns.len.min(start + CLUSTER_SIZE);
-        let ([center, half], [radius, largest_sigma]) =
+        let ([low, high], [radius, largest_sigma]) =
             dispatch!(simd::Level::best(), simd => extent(simd, columns, &splats));
+        let center = low * 0.5 + high * 0.5;
         let normals = Cone::of(columns, &splats);
         let parents_need = [f32::INFINITY; 2];
-        Cluster { splats, center, radius, half, largest_sigma, normals, needs: [0.0; 2], parents_need }
+        let cluster =
+            Cluster { splats, center, radius, largest_sigma, normals, needs: [0.0; 2], parents_need };
+        (cluster, [low, high])
     };
-    (0..columns.len.div_ceil(CLUSTER_SIZE)).into_par_iter().map(cluster).collect()
+    let (clusters, boxes): (Vec<_>, Vec<_>) =
+        (0..columns.len.div_ceil(CLUSTER_SIZE)).into_par_iter().map(cluster).unzip();
+    (clusters, boxes.into_iter().reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]))
 }
 
-/// The middle of the box around the centres of splats, the first of which begins a block, and half its lengths; the radius of the sphere around them, and their
-/// largest σ in any direction, at least.
+/// The corners of the box around the centres of splats, the first of which begins a block; the radius of a sphere around them with the
+/// same middle, and their largest σ in any direction, at least.
 #[inline(always)]
 fn extent<S: Simd>(simd: S, columns: &Columns, splats: &Range<usize>) -> ([Vec3; 2], [f32; 2]) {
     // The last block is filled up with its last splat.
@@ -155,9 +160,17 @@ fn extent<S: Simd>(simd: S, columns: &Columns, splats: &Range<usize>) -> ([Vec3;
         }
         largest_variance = traces(simd, columns, block).max(largest_variance);
     }
+    let low = low.each(
+        #[inline(always)]
+        |row| row.reduce_min(),
+    );
+    let high = high.each(
+        #[inline(always)]
+        |row| row.reduce_max(),
+    );
     let middle = [0, 1, 2].each(
         #[inline(always)]
-        |axis| low[axis].reduce_min() * 0.5 + high[axis].reduce_max() * 0.5,
+        |axis| low[axis] * 0.5 + high[axis] * 0.5,
     );
     let from: V3<S> = splat3(simd, middle);
     let mut farthest = splat(simd, 0.0);
@@ -174,11 +187,7 @@ fn extent<S: Simd>(simd: S, columns: &Columns, splats: &Range<usize>) -> ([Vec3;
         #[inline(always)]
         |squared| squared.reduce_max().sqrt() * (1.0 + 1e-6) + 1e-18,
     );
-    let half = [0, 1, 2].each(
-        #[inline(always)]
-        |axis| (high[axis].reduce_max() - middle[axis]).max(middle[axis] - low[axis].reduce_min()),
-    );
-    ([middle, half].map(Vec3::from), [radius, sigma])
+    ([low, high].map(Vec3::from), [radius, sigma])
 }
 
 /// The centres of splats 8 · block up to 8 · block + 7.

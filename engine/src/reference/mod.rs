@@ -1,6 +1,6 @@
 //! Two slow pictures of a scene that are right, to measure fast ones by.
 //!
-//! Both see the scene as its splats and share no code with the rasterizer: every ray meets every splat
+//! Both see the scene as its splats and share no code with the rasterizer but from where a surface is closed: every ray meets every splat
 //! by brute force in f64. What a surface is (its layers, the floor of its coverage, its outline) is a definition, and is written
 //! here once more: that both agree shows that the rasterizer follows it.
 //!

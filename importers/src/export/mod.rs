@@ -84,11 +84,7 @@ impl Target {
     /// # Errors
     /// When the name's ending tells no format.
     pub fn of(path: &Path, trained: bool) -> Result<Self, ExportError> {
-        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_ascii_lowercase();
-        if name.ends_with(".compressed.ply") {
-            let problem = "packed PLY is read, but not written; .ply, .spz and .splat are";
-            return Err(ExportError::Unsuited(format!("{}: {problem}", path.display())));
-        }
+        check_name(path)?;
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
         Ok(match extension.as_str() {
             "ply" if trained => Self::GaussianPly,
@@ -120,6 +116,19 @@ impl Target {
     pub fn holds_volumes(self) -> bool {
         matches!(self, Self::Nrrd | Self::Vti)
     }
+}
+
+/// Refuses names that tell a format which is read, but not written.
+///
+/// # Errors
+/// When this one does.
+pub fn check_name(path: &Path) -> Result<(), ExportError> {
+    let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_ascii_lowercase();
+    if name.ends_with(".compressed.ply") {
+        let problem = "packed PLY is read, but not written; .ply, .spz and .splat are";
+        return Err(ExportError::Unsuited(format!("{}: {problem}", path.display())));
+    }
+    Ok(())
 }
 
 /// Writes a volume or splats in which `up` is up; says what the format has no room for. Of all targets GLB turns them upright.

@@ -135,8 +135,9 @@ impl Words<'_> {
 
     fn closed(&mut self) -> Result<Closed, String> {
         let is_closed = self.one_of("closed", &[("0", false), ("1", true)])?;
-        if is_closed && self.0.contains_key("sides") {
-            return self.one_of("sides", &[("1", Closed::OneSided), ("2", Closed::EVERYWHERE)]);
+        if self.0.contains_key("sides") {
+            self.one_of("sides", &[("1", ())])?;
+            return if is_closed { Ok(Closed::OneSided) } else { Err("sides 1 is for closed 1".into()) };
         }
         let Some(list) = self.0.remove("within").filter(|_| is_closed) else { return Ok(is_closed.into()) };
         let wrong = || {
