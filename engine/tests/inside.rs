@@ -13,9 +13,14 @@ use scenes::{draw, sphere, unshaded};
 const SIZE: u32 = 48;
 
 fn camera(eye: DVec3, is_parallel: bool) -> Camera {
+    camera_of(eye, is_parallel.then_some(0.5))
+}
+
+/// Of a height, if rays are parallel.
+fn camera_of(eye: DVec3, height: Option<f64>) -> Camera {
     let pose = Pose::look_at(eye, eye + DVec3::Z, DVec3::Y).unwrap();
-    if is_parallel {
-        Camera::orthographic(pose, 0.5, [SIZE; 2]).unwrap()
+    if let Some(height) = height {
+        Camera::orthographic(pose, height, [SIZE; 2]).unwrap()
     } else {
         Camera::perspective(pose, 1.2, [SIZE; 2]).unwrap()
     }
@@ -95,7 +100,8 @@ fn one_sided_sheets_have_no_backs_from_anywhere() {
         for frame in pictures(Closed::OneSided, &camera(DVec3::ZERO, is_parallel), &unshaded()) {
             assert!(frame.color.iter().all(|pixel| pixel[3] == 0.0));
         }
-        let outside = camera(DVec3::NEG_Z * 3.0, is_parallel);
+        // Backs show along the outline.
+        let outside = camera_of(DVec3::NEG_Z * 3.0, is_parallel.then_some(3.0));
         let [one_sided, body, open] = [Closed::OneSided, Closed::EVERYWHERE, Closed::Nowhere]
             .map(|closed| pictures(closed, &outside, &unshaded()));
         for [one_sided, body, open] in [0, 1].map(|i| [&one_sided[i], &body[i], &open[i]]) {
