@@ -263,3 +263,42 @@ impl Camera {
 fn half(size: [u32; 2]) -> DVec2 {
     DVec2::new(f64::from(size[0]), f64::from(size[1])) / 2.0
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
+mod tests {
+    use super::*;
+
+    /// At the origin, looking along z, 90° across, with a near plane at 2, whose corners are 2√3 = 3.46 away.
+    fn camera(is_parallel: bool) -> Camera {
+        let pose = Pose::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y).unwrap();
+        let made = if is_parallel {
+            Camera::orthographic(pose, 4.0, [10; 2])
+        } else {
+            Camera::perspective(pose, std::f64::consts::FRAC_PI_2, [10; 2])
+        };
+        made.unwrap().with_near(2.0).unwrap()
+    }
+
+    #[test]
+    fn a_box_is_outside_if_neither_eye_nor_near_plane_is_in_it() {
+        let unit = [DVec3::NEG_ONE, DVec3::ONE];
+        let at = |middle: DVec3, is_parallel: bool| {
+            camera(is_parallel).is_outside(&DAffine3::from_translation(middle), unit)
+        };
+        // In the box, with the near plane through it, beside its farthest corner, and well beyond.
+        for (z, perspective, parallel) in
+            [(0.0, false, false), (2.5, false, false), (4.4, false, true), (4.5, true, true)]
+        {
+            assert_eq!(at(DVec3::Z * z, false), perspective, "{z}");
+            assert_eq!(at(DVec3::Z * z, true), parallel, "{z}");
+        }
+        // Behind the eye pictures show nothing of it; where rays are parallel the near plane has cut it away.
+        assert!(at(DVec3::NEG_Z * 5.0, false) && !at(DVec3::NEG_Z * 5.0, true));
+        // Ten times as large along x: reaches count in the world.
+        let stretched = DAffine3::from_scale(DVec3::new(10.0, 1.0, 1.0));
+        let beside =
+            |x: f64| camera(false).is_outside(&(DAffine3::from_translation(DVec3::X * x) * stretched), unit);
+        assert!(!beside(9.0) && beside(100.0));
+    }
+}

@@ -43,6 +43,18 @@ fn each_surface_has_its_colour_and_opacity() {
     assert!(r == g && g == b && r > 40, "one colour for all");
 }
 
+/// A thing of which planes leave nothing is named, even if it is drawn in two ways; one of which they leave something is not.
+#[test]
+fn what_planes_leave_nothing_of_is_said() {
+    let place = Workplace::new();
+    place.ball();
+    for (plane, expected) in [("1,0,0,99", 1), ("1,0,0,7.5", 0)] {
+        let args = ["render", BALL, "--iso", "75,150", "--clip-plane", plane, "--size", "16x16"];
+        let [_, said] = place.run(&args);
+        assert_eq!(said.matches("the planes leave nothing of it").count(), expected, "{plane}: {said}");
+    }
+}
+
 /// Columns of pixels from which on a splat is whole, or gone: a pixel is a quarter of a unit, 12 are four σ.
 const REACH: i32 = 12;
 
