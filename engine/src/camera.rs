@@ -265,7 +265,6 @@ fn half(size: [u32; 2]) -> DVec2 {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test fails where it unwraps")]
 mod tests {
     use super::*;
 

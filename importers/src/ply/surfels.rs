@@ -118,10 +118,10 @@ fn write_closed(f: &mut fmt::Formatter<'_>, closed: &Closed) -> fmt::Result {
 struct Words<'a>(HashMap<&'a str, &'a str>);
 
 impl Words<'_> {
-    fn one_of<T: Clone>(&mut self, key: &str, values: &[(&str, T)]) -> Result<T, String> {
+    fn one_of<T: Copy>(&mut self, key: &str, values: &[(&str, T)]) -> Result<T, String> {
         let found = self.0.remove(key).ok_or_else(|| format!("{key:?} is missing"))?;
         let value = values.iter().find(|(name, _)| *name == found);
-        value.map(|(_, value)| value.clone()).ok_or_else(|| {
+        value.map(|(_, value)| *value).ok_or_else(|| {
             let names: Vec<&str> = values.iter().map(|(name, _)| *name).collect();
             format!("{key} is {found:?}; it is {}", names.join(" or "))
         })
