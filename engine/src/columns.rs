@@ -95,6 +95,12 @@ impl<const N: usize> Column<N> {
         size_of_val(&self.0[..])
     }
 
+    /// The largest of all numbers, at least 0.
+    fn largest(&self) -> f32 {
+        let of_block = |block: &[Lanes; N]| block.iter().flatten().copied().fold(0.0, f32::max);
+        self.0.par_iter().with_min_len(BLOCKS_A_TASK).map(of_block).reduce(|| 0.0, f32::max)
+    }
+
     /// The numbers of one splat.
     pub(crate) fn row(&self, index: usize) -> [f32; N] {
         let block = self.block(index / LANES);

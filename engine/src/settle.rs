@@ -1,6 +1,7 @@
 //! What is left to the engine, settled by trial.
 
 mod trial;
+mod ways;
 mod windows;
 
 use crate::camera::Camera;
@@ -9,6 +10,7 @@ use crate::columns::Kind;
 use crate::scene::{FootprintForm, Order, RenderSettings, Scene};
 use crate::validate::SceneError;
 use trial::{MOST_OF_ALL, Trial};
+use ways::{take_as_long, ways};
 use windows::windows;
 
 /// The share of the tolerance that 99.9 % of the pixels of windows may be off by in a way: they are a sample.
@@ -43,42 +45,6 @@ const LEVELS: [f64; 9] = [8.0, 5.6, 4.0, 2.8, 2.0, 1.4, 1.0, 0.5, 0.25];
 
 /// Fewer pixels that show anything tell nothing of where splats may end.
 const LEAST_SHOWN: usize = 100;
-
-const fn slabs(thickness: f64) -> Order {
-    Order::Slabs { thickness }
-}
-
-/// Ways of drawing kernels, from the quickest to the finest. Where forms are left to the engine, each splat is as exact as its
-/// own bound asks for; bounds leave out that errors of neighbours cancel, which trials see.
-const WAYS: [(Order, FootprintForm); 13] = [
-    (SHELLS, FootprintForm::Affine),
-    (slabs(2.45), FootprintForm::Affine),
-    (slabs(2.0), FootprintForm::Affine),
-    (slabs(BOXED), FootprintForm::Affine),
-    (SHELLS, FootprintForm::Auto),
-    (slabs(1.5), FootprintForm::Affine),
-    (slabs(1.0), FootprintForm::Affine),
-    (slabs(2.0), FootprintForm::Auto),
-    (slabs(BOXED), FootprintForm::Auto),
-    (slabs(1.5), FootprintForm::Auto),
-    (slabs(1.0), FootprintForm::Auto),
-    (FINE, FootprintForm::Auto),
-    (FINE, FootprintForm::Exact),
-];
-
-const FINE: Order = slabs(0.5);
-
-/// In σ, about the thinnest slabs of which kernels touch two, as boxes (v ≤ 1.5/12 in [`crate::closing`]'s terms), where a volume's samples
-/// are all alike; in those of 1.5σ they touch three, which takes a fifth to a third longer.
-const BOXED: f64 = 1.86;
-
-/// Sorted centres instead where there are opacities, which are defined by their order, or several clouds of kernels: of two that overlap
-/// one would come first in every shell.
-const SHELLS: Order = Order::Shells { thickness: 0.5 };
-
-/// And where less than a level of 255 is asked for.
-const FINER: [(Order, FootprintForm); 2] =
-    [(slabs(0.25), FootprintForm::Auto), (slabs(0.25), FootprintForm::Exact)];
 
 /// Settles what settings leave to the engine, [`Order::Auto`] and [`FootprintForm::Auto`]: the quickest way that keeps to the
 /// tolerance.
@@ -150,7 +116,7 @@ pub fn settle(
     let mut outlined = None;
     if trial.shown() >= LEAST_SHOWN {
         let with_ends = nearer.iter().map(|ends| drawn_in(way, ends));
-        settled = nearest_ends(&trial, (scene, &windows), finest, with_ends)?.unwrap_or(settled);
+        settled = nearest_ends(&trial, finest, scene.has_opacities(), with_ends)?.unwrap_or(settled);
         let nearer = outlines.map(|outline| RenderSettings { outline, ..settled });
         outlined = first(nearer, |found| trial.is_within(SHARE_OF_ENDS, found))?;
     }
@@ -168,19 +134,20 @@ pub fn settle(
 /// [`MOST_OF_ALL`] beside the finest way.
 fn nearest_ends(
     trial: &Trial,
-    windows: (&Scene, &[Vec<Camera>; 2]),
     finest: RenderSettings,
+    has_opacities: bool,
     from_the_nearest: impl ExactSizeIterator<Item = RenderSettings>,
 ) -> Result<Option<RenderSettings>, SceneError> {
     if from_the_nearest.len() == 0 {
         return Ok(None);
     }
     let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * finest.tolerance, ..finest };
-    let stricter = Trial::new(windows, with_far_ends(&strict))?;
-    let has_opacities = windows.0.has_opacities();
+    let truth = trial.first(&with_far_ends(&strict))?;
     let (share, rank) = if has_opacities { (SHARE_OF_OPACITIES, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
     first(from_the_nearest, |found| {
-        Ok(stricter.error(rank, found)? <= share * finest.tolerance && trial.is_within(MOST_OF_ALL, found)?)
+        let drawn = trial.first(found)?;
+        let is_near = trial.difference(rank, [&truth, &drawn]) <= share * finest.tolerance;
+        Ok(is_near && trial.are_within(MOST_OF_ALL, found, &drawn)?)
     })
 }
 
@@ -220,13 +187,6 @@ fn coarser_levels(
         best = found;
     }
     Ok(best)
-}
-
-/// Whether two ways are slabs of which kernels touch two, or now and then three, in the same form: the engine from afar, of which half of the splats or
-/// more were merged, took 52 to 60 ms with slabs of 2.45, 2 and 1.86σ at one level of detail, and 24 to 27 at a coarser one.
-fn take_as_long(a: &(Order, FootprintForm), b: &(Order, FootprintForm)) -> bool {
-    let are_thick = |order: &Order| matches!(order, Order::Slabs { thickness } if *thickness >= BOXED);
-    are_thick(&a.0) && are_thick(&b.0) && a.1 == b.1
 }
 
 /// The first of some that will do.
@@ -286,29 +246,4 @@ fn ends(scene: &Scene, settings: &RenderSettings) -> Vec<RenderSettings> {
     }
     ends.dedup();
     ends
-}
-
-/// The ways that the settings allow, from the quickest to the finest.
-fn ways(scene: &Scene, settings: &RenderSettings) -> Vec<(Order, FootprintForm)> {
-    let order = match settings.order {
-        Order::Auto if scene.clouds.iter().all(|cloud| cloud.is_surface()) => Some(Order::Auto),
-        Order::Auto if scene.is_sorted_by_definition() => Some(Order::Centers),
-        Order::Auto => None,
-        order => Some(order),
-    };
-    let kernels = || scene.clouds.iter().filter(|cloud| !cloud.is_surface());
-    let needs_centers = scene.has_opacities() || kernels().count() > 1;
-    let are_alike = kernels().count() == 1 && kernels().all(|cloud| cloud.columns().factors.are_alike());
-    let mut ways = Vec::new();
-    let finer = FINER.into_iter().filter(|_| settings.tolerance < 1.0 / 255.0);
-    let is_left_out = |way: &(Order, FootprintForm)| way.0 == slabs(BOXED) && !are_alike;
-    for (own, form) in WAYS.into_iter().chain(finer).filter(|way| !is_left_out(way)) {
-        let form = if settings.footprint == FootprintForm::Auto { form } else { settings.footprint };
-        let own = if own == SHELLS && needs_centers { Order::Centers } else { own };
-        let way = (order.unwrap_or(own), form);
-        if !ways.contains(&way) {
-            ways.push(way);
-        }
-    }
-    ways
 }

@@ -83,6 +83,15 @@ impl<const N: usize> Repeated<N> {
         matches!(self, Self::Each(column) if column.is_one()).then(|| self.row(0))
     }
 
+    /// The largest of all numbers, at least 0.
+    pub(crate) fn largest(&self) -> f32 {
+        match self {
+            Self::Each(column) => column.largest(),
+            // Rows without a number are 0.
+            Self::Few { rows, .. } => rows.iter().flatten().copied().fold(0.0, f32::max),
+        }
+    }
+
     /// Those of a block from other rows that have the same numbers.
     #[inline(always)]
     pub(super) fn block_of(&self, rows: &Rows<N>, block: usize) -> Option<[Lanes; N]> {

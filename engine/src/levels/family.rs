@@ -132,7 +132,7 @@ pub(super) fn mean_shadow(covariance: DMat3) -> f64 {
 /// The eigenvalues of a covariance, from the largest to the least, which are not negative.
 ///
 /// O. K. Smith, *Eigenvalues of a symmetric 3 × 3 matrix*, 1961.
-pub(super) fn eigenvalues(m: DMat3) -> [f64; 3] {
+pub(crate) fn eigenvalues(m: DMat3) -> [f64; 3] {
     let mean = (m.x_axis.x + m.y_axis.y + m.z_axis.z) / 3.0;
     let rest = m - DMat3::from_diagonal(DVec3::splat(mean));
     let spread = (frobenius_squared(rest) / 6.0).sqrt();

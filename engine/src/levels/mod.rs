@@ -14,6 +14,7 @@ use crate::columns::{CHILDREN, Column, Columns, Factors, LANES, Lanes};
 use crate::cone::Cone;
 use crate::cull::CLUSTER_SIZE;
 use crate::simd::{self, *};
+pub(crate) use family::eigenvalues;
 use family::frobenius_squared;
 use glam::Vec3;
 use merge::coarser;

@@ -22,7 +22,7 @@ const MOST_OF_FIRST: f64 = 2.0;
 pub(super) const MOST_OF_ALL: f64 = 0.8;
 
 /// A pixel in the space of blending.
-type Pixel = [f32; 4];
+pub(super) type Pixel = [f32; 4];
 
 /// Windows of a scene, drawn as is right.
 pub(super) struct Trial<'a> {
@@ -49,7 +49,7 @@ impl<'a> Trial<'a> {
         // Nothing has no order; some orders need a grid.
         let of_nothing = RenderSettings { order: Order::Auto, ..right };
         trial.empty = trial.drawn(&Scene::default(), &windows[0][..1], &of_nothing)?[0];
-        trial.truth = trial.drawn(scene, &windows[0], &right)?;
+        trial.truth = trial.first(&right)?;
         Ok(trial)
     }
 
@@ -58,22 +58,33 @@ impl<'a> Trial<'a> {
         self.truth.iter().filter(|pixel| **pixel != self.empty).count()
     }
 
-    /// What a share `rank` of the pixels that show anything are off by in pictures drawn with settings.
-    pub(super) fn error(&self, rank: f64, settings: &RenderSettings) -> Result<f64, SceneError> {
-        Ok(keep_to(&mut self.few_errors(settings)?, rank))
+    /// The pixels of the first windows drawn with settings.
+    pub(super) fn first(&self, settings: &RenderSettings) -> Result<Vec<Pixel>, SceneError> {
+        self.drawn(self.scene, &self.windows[0], settings)
     }
 
-    fn few_errors(&self, settings: &RenderSettings) -> Result<Vec<f32>, SceneError> {
-        Ok(self.errors(&self.truth, &self.drawn(self.scene, &self.windows[0], settings)?))
+    /// What a share `rank` of the pixels that show anything differ by at most.
+    pub(super) fn difference(&self, rank: f64, [truth, found]: [&[Pixel]; 2]) -> f64 {
+        keep_to(&mut self.errors(truth, found), rank)
     }
 
     /// Whether all pixels of the first windows are off by at most a share of the tolerance, and 99.9 % of those of all windows by at most
     /// [`MOST_OF_ALL`]; or, where at most one in a thousand of the first is off by more, or a few are, but by no more than [`MOST_OF_FIRST`],
     /// 99.9 % of all by at most the share: of all windows together a thousand pixels must then show something.
     pub(super) fn is_within(&self, share: f64, settings: &RenderSettings) -> Result<bool, SceneError> {
+        self.are_within(share, settings, &self.first(settings)?)
+    }
+
+    /// As [`Self::is_within`], where the first windows are drawn already.
+    pub(super) fn are_within(
+        &self,
+        share: f64,
+        settings: &RenderSettings,
+        first: &[Pixel],
+    ) -> Result<bool, SceneError> {
         let [limit, of_first, of_all] =
             [share, MOST_OF_FIRST, MOST_OF_ALL].map(|share| share * settings.tolerance);
-        let mut errors = self.few_errors(settings)?;
+        let mut errors = self.errors(&self.truth, first);
         let largest = keep_to(&mut errors, 1.0);
         let limit = if largest <= limit {
             of_all
