@@ -27,9 +27,9 @@ impl Scene {
         self.clouds.iter().any(|cloud| matches!(cloud.columns().kind, Kind::Opacity(_)))
     }
 
-    /// Whether nothing is drawn but opacities, which are composited by their centres' distance by definition.
+    /// Whether all kernels are opacities, which are composited by their centres' distance by definition, wherever surfaces are.
     pub(crate) fn is_sorted_by_definition(&self) -> bool {
-        self.clouds.iter().all(|cloud| matches!(cloud.columns().kind, Kind::Opacity(_)))
+        !self.clouds.iter().any(|cloud| matches!(cloud.columns().kind, Kind::Extinction) && !cloud.is_empty())
     }
 }
 

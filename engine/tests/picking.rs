@@ -205,6 +205,17 @@ fn trained_splats_are_picked_whole() {
     // One that is opaque enough.
     assert_eq!(picked([0.2, 0.2, 0.99, 0.2, 0.2], DVec2::new(20.0, 16.0)).splat, 2);
     assert_eq!(picked([0.2, 0.2, 0.2, 0.2, 0.9], DVec2::new(20.0, 16.0)).splat, 4);
+    // A ball whose front is at z = 0.1 goes through the middle one, of which half lies before it.
+    let beside = |opacity, peaks| {
+        let mut scene = opacities(peaks);
+        scene.clouds.push(at(ball(4000, opacity), 0.0, 0.0, -0.9));
+        pick(&scene, &settings, DVec2::new(20.0, 16.0)).unwrap()
+    };
+    // T: 0.85 at z = 0.2 where 0.84 of it is before the ball, 0.72 at 0.15 (0.69), 0.64 at 0.1; then the ball, at half of all.
+    let opaque = beside(None, [0.2; 5]);
+    assert_eq!(opaque.cloud, 1);
+    assert!((opaque.depth - 7.9).abs() < 0.05 && opaque.opacity > 0.999, "{opaque:?}");
+    assert_eq!(beside(None, [0.2, 0.2, 0.2, 0.2, 0.9]).id, 4);
 }
 
 #[test]

@@ -253,8 +253,11 @@ fn kernels_that_are_ordered_by_their_centres() {
         assert_converges("by centres", &scene, &view(), &settings, &[Order::Centers]);
     }
     let inside = looking_from(DVec3::new(0.3, 0.2, -0.5), 28).with_near(0.2).unwrap();
-    let scene = scene(vec![trained(40)]);
-    assert_converges("by centres, inside", &scene, &inside, &settings, &[Order::Centers]);
+    let alone = scene(vec![trained(40)]);
+    assert_converges("by centres, inside", &alone, &inside, &settings, &[Order::Centers]);
+    // Kernels that surfaces go through.
+    let cut = scene(vec![quad(0.5, 50.0), trained(40), at(0.3, 0.2, 0.5, &quad(0.3, -20.0))]);
+    assert_converges("by centres between surfaces", &cut, &view(), &settings, &[Order::Centers]);
 }
 
 #[test]

@@ -47,12 +47,12 @@ impl<'a> Median<'a> {
                 None => {}
             }
         }
-        if self.setup.by_centers {
-            return self.among_whole(kernels);
-        }
         // What each layer leaves, front to back: (id, z, 1 − α).
         let layers: Vec<_> =
             layers(&mut samples).map(|layer| (layer.id, layer.z, 1.0 - layer.alpha)).collect();
+        if self.setup.by_centers {
+            return self.among_whole(kernels, &layers);
+        }
         let end = kernels.iter().map(|k| k.fragment.z + REACH * k.fragment.sigma).fold(near, f64::max);
         let passed = |z: f64| (-self.optical_depth(&kernels, z)).exp();
         let behind = passed(end) * layers.iter().map(|(_, _, left)| left).product::<f64>();
@@ -70,19 +70,29 @@ impl<'a> Median<'a> {
         self.inside(&kernels, [from, end], goal / left, behind)
     }
 
-    /// Among kernels that are composited whole.
-    fn among_whole(&self, mut kernels: Vec<Met>) -> Option<(u32, f64, f64)> {
-        let near = self.setup.view.near;
+    /// Among kernels that are composited whole between layers.
+    fn among_whole(&self, mut kernels: Vec<Met>, layers: &[(u32, f64, f64)]) -> Option<(u32, f64, f64)> {
         kernels.sort_by(|a, b| a.distance.total_cmp(&b.distance).then(a.id.cmp(&b.id)));
-        let depth = |f: &Fragment| self.normal.at((f.z - near) / f.sigma) * f.optical_depth;
-        let whole: f64 = kernels.iter().map(|k| depth(&k.fragment)).sum();
-        let goal = half_seen((-whole).exp())?;
-        let mut sum = 0.0;
-        let across = kernels.iter().find(|k| {
-            sum += depth(&k.fragment);
-            (-sum).exp() <= goal
+        let (mut met, mut from) = (Vec::new(), self.setup.view.near);
+        for layer in layers.iter().map(Some).chain([None]) {
+            let to = layer.map_or(f64::INFINITY, |(_, z, _)| *z);
+            met.extend(kernels.iter().map(|k| {
+                let f = &k.fragment;
+                let [before, until] = [from, to].map(|z| self.normal.at((z - f.z) / f.sigma));
+                let left = (-(until - before).max(0.0) * f.optical_depth).exp();
+                (k.id, f.z.max(from).min(to), left)
+            }));
+            met.extend(layer);
+            from = to;
+        }
+        let behind: f64 = met.iter().map(|(_, _, left)| left).product();
+        let goal = half_seen(behind)?;
+        let mut seen_through = 1.0;
+        let across = met.into_iter().find(|(_, _, left)| {
+            seen_through *= left;
+            seen_through <= goal
         });
-        across.map(|k| (k.id, k.fragment.z.max(near), 1.0 - (-whole).exp()))
+        across.map(|(id, z, _)| (id, z, 1.0 - behind))
     }
 
     /// The kernel that takes most light where the volume's transmittance falls to `goal`, between two depths.

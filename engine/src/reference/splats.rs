@@ -37,7 +37,7 @@ pub(super) struct Setup<'a> {
     /// Variance of the filter that splats take up, in squared pixels.
     pub(super) low_pass: f64,
     pub(super) clouds: Vec<Placed<'a>>,
-    /// Whether all that is drawn are `Opacity` kernels, which are composited whole.
+    /// Whether all kernels are of kind `Opacity`, which are composited by their centres then.
     pub(super) by_centers: bool,
 }
 
@@ -126,13 +126,13 @@ impl<'a> Setup<'a> {
             });
             count += cloud.len();
         }
-        let opacity = |c: &Cloud| matches!(c.columns().kind, Kind::Opacity(_));
+        let spreads = |c: &Cloud| matches!(c.columns().kind, Kind::Extinction) && !c.is_empty();
         Self {
             view: View::new(camera),
             lighting: Lighting::new(scene, world_to_camera),
             settings,
             low_pass,
-            by_centers: scene.clouds.iter().filter(|c| !c.is_empty()).all(opacity),
+            by_centers: !scene.clouds.iter().any(spreads),
             clouds,
         }
     }

@@ -52,8 +52,8 @@ pub struct Estimate {
 ///
 /// In a sample every kernel has its first collision at an optical depth t along it of density e^{−t}: where t is
 /// below its τ behind the near plane, at the z that has τΦ((z − z₀)/σ_z) = τΦ((near − z₀)/σ_z) + t. Each surface
-/// layer, made by R1's rule, is hit with probability α. The nearest hit is what is seen. `Opacity` kernels that are
-/// alone in a scene are defined by the order of their centres: there a hit is as far away as its kernel's centre.
+/// layer, made by R1's rule, is hit with probability α. The nearest hit is what is seen. Where all kernels are of kind `Opacity` they
+/// are defined by the order of their centres: between two layers a hit is as far away as its kernel's centre.
 ///
 /// Uses all of rayon's current threads; the result is the same for any number of them. It changes with `seed` alone.
 /// Time goes with samples times optical depth along a ray. Beyond an optical depth of 1e10 the faintest kernels
@@ -100,34 +100,47 @@ pub(super) struct Chance {
 
 /// Where a ray is stopped.
 enum Place {
-    /// At a distance.
-    At(f64),
+    At(Distance),
     /// Along a kernel, of which shares lie before the near plane and behind it.
-    Along { z: f64, sigma: f64, shares: [f64; 2] },
+    Along {
+        z: f64,
+        sigma: f64,
+        shares: [f64; 2],
+    },
 }
 
+/// How far a ray comes: the number of the segment between layers, where these are told apart, and how far in it.
+type Distance = (usize, f64);
+
 impl Chance {
-    /// Of a kernel behind `near`; with the distance of its centre where that is what counts.
-    pub(super) fn of_kernel(fragment: &Fragment, near: f64, center: Option<f64>) -> Self {
+    /// Of a kernel behind `near`.
+    pub(super) fn of_kernel(fragment: &Fragment, near: f64) -> Self {
         let Fragment { z, sigma, optical_depth, color } = *fragment;
         let shares = [near - z, z - near].map(|ahead| normal_cdf(ahead / sigma));
-        let place = center.map_or(Place::Along { z, sigma, shares }, Place::At);
-        Self { optical_depth: shares[1] * optical_depth, place, color }
+        Self { optical_depth: shares[1] * optical_depth, place: Place::Along { z, sigma, shares }, color }
     }
 
-    pub(super) fn of_layer(alpha: f64, z: f64, color: DVec3) -> Self {
-        Self { optical_depth: (-(-alpha).ln_1p()).min(MOST_OPAQUE), place: Place::At(z), color }
+    /// Of what lies between two depths of a kernel that is composited whole there.
+    pub(super) fn of_share(fragment: &Fragment, ends: [f64; 2], at: Distance) -> Self {
+        let Fragment { z, sigma, optical_depth, color } = *fragment;
+        let [from, to] = ends.map(|end| normal_cdf((end - z) / sigma));
+        Self { optical_depth: (to - from).max(0.0) * optical_depth, place: Place::At(at), color }
+    }
+
+    pub(super) fn of_layer(alpha: f64, at: Distance, color: DVec3) -> Self {
+        Self { optical_depth: (-(-alpha).ln_1p()).min(MOST_OPAQUE), place: Place::At(at), color }
     }
 }
 
 impl Place {
     /// How far a ray comes that is stopped at a share of the optical depth.
-    fn distance(&self, share: f64) -> f64 {
+    fn distance(&self, share: f64) -> Distance {
         match *self {
             Self::At(distance) => distance,
             Self::Along { z, sigma, shares: [before, behind] } => {
                 let passed = before + share * behind;
-                z + sigma * normal_quantile(passed.clamp(f64::MIN_POSITIVE, 1.0 - 0.5 * f64::EPSILON))
+                let quantile = normal_quantile(passed.clamp(f64::MIN_POSITIVE, 1.0 - 0.5 * f64::EPSILON));
+                (0, z + sigma * quantile)
             }
         }
     }
@@ -151,7 +164,7 @@ impl Line {
 
     /// Draws once: the colour of what is hit, if anything is.
     fn sample(&self, random: &mut Random) -> Option<DVec3> {
-        let (mut at, mut nearest, mut seen) = (0.0, f64::INFINITY, None);
+        let (mut at, mut nearest, mut seen) = (0.0, (usize::MAX, f64::INFINITY), None);
         loop {
             at -= (-random.uniform()).ln_1p();
             let number = self.ends.partition_point(|end| *end <= at);
@@ -288,7 +301,7 @@ mod tests {
     /// Binomial probabilities of being off by more than three and six standard errors.
     fn tails(count: u32, probability: f64) -> [f64; 2] {
         let n = f64::from(count);
-        let hit = Chance::of_layer(probability, 1.0, DVec3::ZERO);
+        let hit = Chance::of_layer(probability, (0, 1.0), DVec3::ZERO);
         let mut sums = Sums { count: n, ..Sums::new(&[hit], [0.0; 4]) };
         let (mut tails, mut weight) = ([0.0; 2], (n * (-probability).ln_1p()).exp());
         for k in 0..=count {
@@ -321,18 +334,20 @@ mod tests {
     #[test]
     fn a_ray_is_stopped_as_far_as_its_medium_says() {
         let kernel = Fragment { z: 7.0, sigma: 0.5, optical_depth: 4.0, color: DVec3::ONE };
-        let chance = Chance::of_kernel(&kernel, f64::NEG_INFINITY, None);
+        let z_at = |chance: &Chance, share: f64| chance.place.distance(share).1;
+        let chance = Chance::of_kernel(&kernel, f64::NEG_INFINITY);
         assert!((chance.optical_depth - 4.0).abs() < 1e-12);
         // Φ(−2) of it is passed two σ before its middle.
-        assert!((chance.place.distance(0.022_750_131_948) - 6.0).abs() < 1e-6);
+        assert!((z_at(&chance, 0.022_750_131_948) - 6.0).abs() < 1e-6);
         // Of the half that is behind its middle a half is passed at Φ⁻¹(¾), and nothing before.
-        let chance = Chance::of_kernel(&kernel, 7.0, None);
+        let chance = Chance::of_kernel(&kernel, 7.0);
         assert!((chance.optical_depth - 2.0).abs() < 1e-12);
-        assert!((chance.place.distance(0.0) - 7.0).abs() < 1e-9);
-        assert!((chance.place.distance(0.5) - 7.337_244_875).abs() < 1e-6);
-        // By centres it is stopped there.
-        let chance = Chance::of_kernel(&kernel, 7.0, Some(3.0));
-        assert!((chance.place.distance(0.3) - 3.0).abs() < 1e-12);
+        assert!((z_at(&chance, 0.0) - 7.0).abs() < 1e-9);
+        assert!((z_at(&chance, 0.5) - 7.337_244_875).abs() < 1e-6);
+        // By centres what is between two depths is stopped there: Φ(1) − Φ(0) of it.
+        let chance = Chance::of_share(&kernel, [7.0, 7.5], (2, 3.0));
+        assert!((chance.optical_depth - 4.0 * 0.341_344_746).abs() < 1e-8);
+        assert_eq!(chance.place.distance(0.3), (2, 3.0));
     }
 
     #[test]
@@ -341,7 +356,7 @@ mod tests {
         let [a, b, c] = [0.5, 0.25, 1.0];
         let color = |number: usize| DVec3::AXES[number];
         let layers = [(c, 2.5, 2), (0.9, 3.0, 0), (b, 2.0, 1), (a, 1.0, 0)];
-        let line = Line::new(layers.map(|(alpha, z, i)| Chance::of_layer(alpha, z, color(i))).into());
+        let line = Line::new(layers.map(|(alpha, z, i)| Chance::of_layer(alpha, (0, z), color(i))).into());
         let (mut random, mut sum, count) = (Random::new(5), DVec3::ZERO, 100_000);
         for _ in 0..count {
             sum += line.sample(&mut random).unwrap_or(DVec3::NAN);

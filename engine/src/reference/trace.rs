@@ -79,26 +79,24 @@ impl<'s, 'a> Tracer<'s, 'a> {
         let near = self.setup.view.near;
         self.fragments.clear();
         self.fragments.extend(self.kernels.iter().filter_map(|k| k.fragment(ray)));
-        let mut path = Path::new();
-        if self.setup.by_centers {
-            for f in &self.fragments {
-                let share = self.normal.at((f.z - near) / f.sigma);
-                path.over(-(-share * f.optical_depth).exp_m1(), f.color, f.z.max(near));
-            }
-            return (path, None);
-        }
         self.take_samples(ray);
+        // Whole kernels are in the order of their centres, and stay.
+        let whole = if self.setup.by_centers { std::mem::take(&mut self.fragments) } else { Vec::new() };
+        let mut path = Path::new();
         let mut march = March::new(self.normal, &mut self.fragments, near, STEPS_PER_SIGMA);
-        let mut first = None;
+        let (mut first, mut from) = (None, near);
         for layer in layers(&mut self.samples) {
             first.get_or_insert(FirstSurface { z: layer.z, id: layer.id, normal: layer.normal });
             march.advance(layer.z, &mut path);
+            add_whole(self.normal, &whole, [from, layer.z], &mut path);
+            from = layer.z;
             path.over(layer.alpha, shaded(self.setup, &layer, ray), layer.z);
             if path.transmittance <= OPAQUE {
                 break;
             }
         }
         march.advance(f64::INFINITY, &mut path);
+        add_whole(self.normal, &whole, [from, f64::INFINITY], &mut path);
         (path, first)
     }
 
@@ -106,13 +104,27 @@ impl<'s, 'a> Tracer<'s, 'a> {
     pub(super) fn chances(&mut self, ray: &Ray) -> Vec<Chance> {
         self.take_samples(ray);
         let (setup, near) = (self.setup, self.setup.view.near);
-        let of_kernel = |kernel: &Kernel| {
-            let center = setup.by_centers.then_some(kernel.distance);
-            Some(Chance::of_kernel(&kernel.fragment(ray)?, near, center))
-        };
-        let of_layer = |layer: Layer<'_>| Chance::of_layer(layer.alpha, layer.z, shaded(setup, &layer, ray));
-        let kernels = self.kernels.iter().filter_map(of_kernel);
-        kernels.chain(layers(&mut self.samples).map(of_layer)).collect()
+        let kernels = || self.kernels.iter().filter_map(|kernel| Some((kernel, kernel.fragment(ray)?)));
+        let layers = layers(&mut self.samples).map(|layer| {
+            let color = shaded(setup, &layer, ray);
+            (layer.z, layer.alpha, color)
+        });
+        let mut chances = Vec::new();
+        if !setup.by_centers {
+            chances.extend(kernels().map(|(_, fragment)| Chance::of_kernel(&fragment, near)));
+            chances.extend(layers.map(|(z, alpha, color)| Chance::of_layer(alpha, (0, z), color)));
+            return chances;
+        }
+        // Between two layers nothing but the order of centres counts.
+        let (mut from, mut segment) = (near, 0);
+        for (z, alpha, color) in layers.chain([(f64::INFINITY, 0.0, DVec3::ZERO)]) {
+            chances.extend(kernels().map(|(kernel, fragment)| {
+                Chance::of_share(&fragment, [from, z], (segment, kernel.distance))
+            }));
+            chances.push(Chance::of_layer(alpha, (segment, f64::INFINITY), color));
+            (from, segment) = (z, segment + 1);
+        }
+        chances
     }
 
     /// The first surface of a ray.
@@ -126,6 +138,14 @@ impl<'s, 'a> Tracer<'s, 'a> {
         let near = self.setup.view.near;
         self.samples.clear();
         self.samples.extend(self.surfels.iter().filter_map(|s| s.sample(ray, near)));
+    }
+}
+
+/// Adds what lies between two depths of kernels that are composited whole there, one after the other.
+fn add_whole(normal: &NormalDistribution, whole: &[Fragment], [from, to]: [f64; 2], path: &mut Path) {
+    for f in whole {
+        let share = normal.at((to - f.z) / f.sigma) - normal.at((from - f.z) / f.sigma);
+        path.over(-(-share.max(0.0) * f.optical_depth).exp_m1(), f.color, f.z.max(from).min(to));
     }
 }
 

@@ -1,6 +1,6 @@
 //! Kernels with opacities, as training makes them: in slabs each is spread along the ray as the others are.
 
-use super::scenes::{kernels, looking_from};
+use super::scenes::{kernels, looking_from, plane, tilted};
 use super::*;
 
 /// Kernels of all shapes in a ball; their opacities are from 0.1 to 0.95. Colours go by the place, or each has its own.
@@ -35,4 +35,24 @@ fn slabs_of_trained_kernels_are_ahead_of_sorted_centers() {
         assert!(tent <= centers / least, "{name}: {centers} is not {least} times {tent}");
         assert!(thin <= centers / 100.0, "{name}: {centers} is not a hundred times {thin}");
     }
+}
+
+/// Where surfaces are in a scene, they show trained kernels as these are without them, and cut those that they go through.
+#[test]
+fn trained_kernels_look_beside_surfaces_as_they_do_alone() {
+    let camera = looking_from(DVec3::new(2.5, 2.0, -4.5), 48);
+    let cloud = scene(true);
+    let sheet = plane(24, 0.06, [0.2, 0.9, 0.3]).transformed(tilted(30.0, DVec3::new(0.9, -0.8, 0.4)));
+    let auto = nothing_but(Order::Auto);
+    let clouds = [cloud.clone(), sheet.clone()];
+    let [alone, surface, both] =
+        [vec![cloud], vec![sheet], clouds.to_vec()].map(|clouds| draw(clouds, &camera, &auto));
+    let empty: Vec<usize> = (0..both.color.len()).filter(|i| surface.color[*i][3] == 0.0).collect();
+    assert!((500..both.color.len() - 300).contains(&empty.len()), "{} pixels are beside it", empty.len());
+    let moved = apart_at(&empty, &alone, &both).max_error;
+    assert!(moved <= 1e-6, "pixels beside the surface change by {moved}");
+    let found = apart(&both, &truth(&clouds, &camera, &auto));
+    println!("beside R1: {:.2e} at most", found.max_error);
+    assert!(found.max_error <= 2e-5, "{found:?}");
+    assert!(apart(&both, &alone).max_error > 0.1, "the surface hides nothing");
 }
