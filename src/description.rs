@@ -122,7 +122,8 @@ pub(crate) struct PictureOptions {
     pub(crate) blend: Option<BlendSpace>,
     /// How kernels that overlap are mixed: centers, one after the other from near to far; per-pixel, the same with
     /// each pixel's own order; slabs, in layers from near to far, those in a layer all at once; auto, the quickest
-    /// way that keeps to the tolerance, found by trial (trained splats by themselves keep centers) [default: auto]
+    /// way that keeps to the tolerance, found by trial. Trained splats keep the order of their centres, in slabs beside
+    /// volumes, too [default: auto]
     #[arg(long)]
     pub(crate) order: Option<OrderMode>,
     /// Thickness of the slabs, where 1 is the size of the kernels (their median σ): thinner is

@@ -11,7 +11,7 @@
 
 use crate::camera::{Camera, Projection};
 use crate::cloud::Cloud;
-use crate::columns::Factors;
+use crate::columns::{Factors, Kind};
 use crate::cull::VisibleRange;
 use crate::footprint::Lens;
 use crate::scene::{Baseline, Order, RenderSettings, Scene};
@@ -42,6 +42,8 @@ pub(crate) struct Slabs {
     added: f32,
     /// See [`Self::are_level`].
     level: f32,
+    /// Whether opacities are composited whole, as they are defined; else they are spread as extinctions are.
+    opacities_are_whole: bool,
 }
 
 /// Sheets of a grid, by the centres of kernels in camera space: number p·normal + offset, rounded down.
@@ -147,7 +149,7 @@ impl Closing {
     ) -> Result<Self, SceneError> {
         let mut volumes = scene.clouds.iter().filter(|cloud| !cloud.is_surface());
         let thickness = match settings.order {
-            Order::Auto if scene.is_sorted_by_definition() => return Ok(Self::Centers { alike: 0.0 }),
+            Order::Auto if !scene.has_extinctions() => return Ok(Self::Centers { alike: 0.0 }),
             Order::Auto => Order::THICKNESS,
             Order::Slabs { thickness } => thickness,
             Order::Centers => return Ok(Self::Centers { alike: 0.0 }),
@@ -169,6 +171,7 @@ impl Closing {
             thickness: (thickness * sigma).max(depth / f64::from(LAST_SLAB)),
             added: if is_corrected { 1.0 / 6.0 } else { 0.0 },
             level: LEVEL * settings.tolerance as f32,
+            opacities_are_whole: scene.has_opacities() && scene.has_extinctions(),
         }))
     }
 
@@ -180,6 +183,16 @@ impl Closing {
     /// Whether records need the numbers of their slabs.
     pub(crate) fn has_slabs(self) -> bool {
         matches!(self, Self::Slabs(_) | Self::Sheets(_))
+    }
+
+    /// Whether opacities are composited whole, at their centres, and extinctions are spread over slabs.
+    pub(crate) fn is_mixed(&self) -> bool {
+        matches!(self, Self::Slabs(slabs) if slabs.opacities_are_whole)
+    }
+
+    /// Whether kernels of a kind are composited whole where others are spread.
+    pub(crate) fn takes_whole(&self, kind: &Kind) -> bool {
+        self.is_mixed() && matches!(kind, Kind::Opacity(_))
     }
 
     /// The same for a picture of every second pixel, or of still fewer.
@@ -224,17 +237,33 @@ impl Closing {
         )
     }
 
-    /// As [`Self::numbers`], of one kernel.
-    pub(crate) fn numbers_of_one(&self, center: Vec3, [distance, sigma, reach]: [f64; 3]) -> [f32; 2] {
+    /// The slab in which a kernel lies that is composited whole, first and last; the fraction is the part of it before the kernel.
+    #[inline(always)]
+    pub(crate) fn places<S: Simd, F: Floats<S>>(&self, simd: S, distance: F) -> [F; 2] {
+        let Self::Slabs(slabs) = self else { return [F::simd_from(simd, 0.0); 2] };
+        let place = (distance - slabs.near as f32) * (1.0 / slabs.thickness) as f32;
+        [place.max(F::simd_from(simd, 0.0)).min(F::simd_from(simd, LAST_SLAB as f32)); 2]
+    }
+
+    /// As [`Self::numbers`], or [`Self::places`], of one kernel.
+    pub(crate) fn numbers_of_one(
+        &self,
+        is_whole: bool,
+        center: Vec3,
+        [distance, sigma, reach]: [f64; 3],
+    ) -> [f32; 2] {
         dispatch!(Level::Baseline, simd => {
             let [distance, sigma, reach] = [distance, sigma, reach].map(|x| splat(simd, x as f32));
+            if is_whole {
+                return self.places(simd, distance).map(|place| place.reduce_max());
+            }
             let center = center.to_array().map(|x| splat(simd, x));
             self.numbers(simd, center, (distance, sigma, reach)).map(|number| number.reduce_max())
         })
     }
 }
 
-/// The σ that orders go by: the least of what clouds draw, if that is not too small beside the largest; 1 where there is none.
+/// The σ that orders go by: the least of what clouds draw that are spread, if that is not too small beside the largest; 1 where there is none.
 fn least_sigma(scene: &Scene, visible: &[VisibleRange]) -> f64 {
     let ends = |[least, largest]: [f64; 2], sigma: f64| [least.min(sigma), largest.max(sigma)];
     let [least, largest] = drawn_sigmas(scene, visible).fold([f64::INFINITY, 0.0], ends);
@@ -255,7 +284,10 @@ fn drawn_sigmas(scene: &Scene, visible: &[VisibleRange]) -> impl Iterator<Item =
             sums[range.cloud][1] += count * sigma.ln();
         }
     }
-    scene.clouds.iter().zip(sums).filter_map(|(cloud, [count, sum])| match cloud.levels().len() {
+    // Opacities beside extinctions are not spread.
+    let is_spread = |cloud: &Cloud| cloud.is_medium() || !scene.has_extinctions();
+    let clouds = scene.clouds.iter().zip(sums).filter(move |(cloud, _)| is_spread(cloud));
+    clouds.filter_map(|(cloud, [count, sum])| match cloud.levels().len() {
         1 => cloud.median_sigma(0),
         _ => (count > 0.0).then(|| (sum / count).exp()),
     })
@@ -390,7 +422,14 @@ mod tests {
     fn slabs(added: f32) -> Slabs {
         let pose = Pose::look_at(DVec3::ZERO, DVec3::Z, DVec3::Y).unwrap();
         let camera = Camera::perspective(pose, 0.5, [8, 8]).unwrap();
-        Slabs { near: 0.25, thickness: 0.5, lens: Lens::new(&camera, 0.3), added, level: 0.0 }
+        Slabs {
+            near: 0.25,
+            thickness: 0.5,
+            lens: Lens::new(&camera, 0.3),
+            added,
+            level: 0.0,
+            opacities_are_whole: false,
+        }
     }
 
     /// The share of a kernel with σ before a distance x from its centre.
@@ -448,7 +487,7 @@ mod tests {
         let Closing::Slabs(slabs) = &closing else { unreachable!() };
         for i in 0..400 {
             let (distance, sigma) = (1.0 + 0.011 * f64::from(i), 0.02 + 0.004 * f64::from(i));
-            let [first, last] = closing.numbers_of_one(Vec3::ZERO, [distance, sigma, 0.0]);
+            let [first, last] = closing.numbers_of_one(false, Vec3::ZERO, [distance, sigma, 0.0]);
             assert!(first <= last && first.fract() == 0.0 && last.fract() == 0.0);
             let before = share(slabs, sigma as f32, slabs.begin(first as u32) - distance as f32);
             let until = share(slabs, sigma as f32, slabs.begin(last as u32 + 1) - distance as f32);

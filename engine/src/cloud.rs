@@ -252,6 +252,11 @@ impl Cloud {
         matches!(self.columns().kind, Kind::Surface(_))
     }
 
+    /// Whether there are splats with extinctions.
+    pub(crate) fn is_medium(&self) -> bool {
+        matches!(self.columns().kind, Kind::Extinction) && !self.is_empty()
+    }
+
     /// Whether it is a surface of which a camera sees no backs: see [`Closed`].
     pub(crate) fn is_closed_for(&self, camera: &Camera) -> bool {
         let Kind::Surface(surface) = &self.columns().kind else { return false };

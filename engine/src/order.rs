@@ -13,6 +13,9 @@ const DROPPED: u32 = 3;
 /// 2²³, which holds whole numbers in its lowest bits.
 const HOLDER: f32 = 8_388_608.0;
 
+/// Places between whole numbers are told apart no finer than single precision does.
+const LEAST_STEP: f32 = 1.0 / (1 << 20) as f32;
+
 /// Entries that a thread copies in one go, at least.
 const ENTRIES_A_TASK: usize = 1 << 14;
 
@@ -55,6 +58,14 @@ pub(crate) struct Keys {
 impl Keys {
     /// Whole numbers below 2²² as they are.
     pub(crate) const OF_NUMBERS: Self = Self { offset: HOLDER, least: HOLDER.to_bits(), dropped: 0 };
+
+    /// Numbers below 2²² with as much of what lies between them as there is room for.
+    pub(crate) fn of_places(runs: &[Run]) -> Self {
+        let farthest = runs.iter().map(|run| run.distances[1]).fold(0.0, f32::max);
+        let step = (farthest / ((1 << (2 * DIGIT)) - 4) as f32).max(f32::MIN_POSITIVE).log2().ceil().exp2();
+        let holder = step.clamp(LEAST_STEP, 1.0) * HOLDER;
+        Self { offset: holder, least: holder.to_bits(), dropped: 0 }
+    }
 
     /// Distances of any range, in steps of `alike` at most, if that is not 0 and so many steps have numbers.
     pub(crate) fn of(runs: &[Run], alike: f32) -> Self {
@@ -223,6 +234,24 @@ mod tests {
             let is_far_apart = far - near > size * 2f32.powi(-16) && far > run.distances[1] * 2f32.powi(-31);
             let is_far_apart = is_far_apart && far - near > 1.01 * alike;
             prop_assert!(!is_far_apart || keys.key(near) < keys.key(far));
+        }
+    }
+
+    #[test]
+    fn places_come_between_the_whole_numbers_around_them() {
+        for farthest in [0.7, 13.5, 150.0, 4e4, 3e6, 4_194_303.0_f32] {
+            let mut run = Run::new(0);
+            run.include([0.0, farthest]);
+            let keys = Keys::of_places(&[run]);
+            for number in [0.0, 1.0, 7.0, 149.0, 4_194_302.0].into_iter().filter(|n| n + 1.0 <= farthest) {
+                let places = [0.0, 0.25, 0.5, 0.75, 1.0].map(|part| keys.key(number + part));
+                assert!(places.is_sorted() && places[0] < places[4], "{number} of {farthest}: {places:?}");
+                // A two millionth of all is enough.
+                let are_apart = farthest > 5e5 || places.is_sorted_by(|a, b| a < b);
+                assert!(are_apart, "{number} of {farthest}: {places:?}");
+            }
+            assert!(farthest > 1.0 || keys.key(0.5) < keys.key(0.5 + 2e-6), "{farthest}");
+            assert!(keys.key(farthest) < 1 << (2 * DIGIT), "{farthest}");
         }
     }
 }

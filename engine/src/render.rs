@@ -425,7 +425,11 @@ impl Drawn {
             }
             &self.order
         };
-        let keys = if closing.has_slabs() { Keys::OF_NUMBERS } else { Keys::of(runs, closing.alike()) };
+        let keys = match closing {
+            _ if closing.is_mixed() => Keys::of_places(runs),
+            _ if closing.has_slabs() => Keys::OF_NUMBERS,
+            _ => Keys::of(runs, closing.alike()),
+        };
         let order = watched(observer, Stage::Order, || sorter.sort((runs, keys), distances, scratch));
         watched(observer, Stage::Bin, || {
             self.lists.fill(size, order, |place| rects[place as usize], scratch)

@@ -22,14 +22,14 @@ impl Scene {
         self.clouds.iter().filter(|cloud| counted.insert(cloud.address())).map(Cloud::bytes).sum()
     }
 
-    /// Whether there are opacities, which are composited by their centres' distance by definition.
+    /// Whether there are kernels with opacities, which are composited at their centres by definition.
     pub(crate) fn has_opacities(&self) -> bool {
         self.clouds.iter().any(|cloud| matches!(cloud.columns().kind, Kind::Opacity(_)))
     }
 
-    /// Whether all kernels are opacities, which are composited by their centres' distance by definition, wherever surfaces are.
-    pub(crate) fn is_sorted_by_definition(&self) -> bool {
-        !self.clouds.iter().any(|cloud| matches!(cloud.columns().kind, Kind::Extinction) && !cloud.is_empty())
+    /// Whether there are kernels with extinctions, which are spread along rays.
+    pub(crate) fn has_extinctions(&self) -> bool {
+        self.clouds.iter().any(Cloud::is_medium)
     }
 }
 
@@ -92,7 +92,7 @@ pub enum Blend {
 /// goes over what lies behind.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Order {
-    /// [`Order::Centers`] where all splats have opacities, which are defined by it; else [`Order::Slabs`] of
+    /// [`Order::Centers`] where all kernels have opacities, which are defined by it, whatever surfaces there are; else [`Order::Slabs`] of
     /// [`Order::THICKNESS`]. [`crate::settle()`] puts the quickest in its place that keeps to the tolerance.
     #[default]
     Auto,
@@ -110,8 +110,12 @@ pub enum Order {
     PerPixel,
     /// At spheres around the eye, or planes where rays are parallel: no order within a slab. Kernels are shared out between
     /// slabs as if they were narrower by what the slabs spread them.
+    ///
+    /// Beside kernels with extinctions those with opacities stay what they are defined to be, whole at the distances of their centres: of the
+    /// slab in which one lies the part before it is closed first. Where there are no extinctions they are spread, too, which gives
+    /// another picture, that doesn't pop.
     Slabs {
-        /// In σ of kernels along rays from anywhere, from 0.001 to 1e6: the least of the clouds' medians of it, and at least 1/1024 of the
+        /// In σ of kernels along rays from anywhere, from 0.001 to 1e6: the least of the medians of it in clouds that are spread, and at least 1/1024 of the
         /// largest. No slab is thinner than what single precision tells apart at the farthest kernel.
         thickness: f64,
     },

@@ -72,7 +72,7 @@ const LEAST_SHOWN: usize = 100;
 /// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame. Where windows show nothing,
 /// settings stay as they are; pictures of fewer pixels than a window's are drawn in the finest way.
 ///
-/// An order or a form that is not left to the engine stays as it is; with both, all does. Kernels with opacities alone keep the
+/// An order or a form that is not left to the engine stays as it is; with both, all does. Where all kernels have opacities they keep the
 /// order that defines them. Surfaces by themselves need no order.
 ///
 /// # Errors

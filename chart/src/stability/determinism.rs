@@ -10,13 +10,19 @@ use rayon::ThreadPoolBuilder;
 pub(super) const CASE: Case = Case {
     number: 13,
     title: "The same picture every time",
-    criterion: "One to sixteen threads draw the same picture to the last bit. Splats in another order make the same picture to 10⁻⁵, also where half of them share their places with another; put in Morton order first, where none do, they make it to the last bit.",
+    criterion: "One to sixteen threads draw the same picture to the last bit. Splats in another order make the same picture to 10⁻⁵, also where half of them share their places with another; put in Morton order first, where none do, they make it to the last bit. Trained splats in one place, which are composited one after the other by definition, come as they are listed.",
     run,
 };
 
-/// A share of a scene's splats lie in the places of others, in other colours.
-fn with_ties(share: f64) -> Vec<Splats> {
+/// A share of a scene's splats, trained ones or of a medium as dense, lie in the places of others, in other colours.
+fn with_ties(share: f64, are_trained: bool) -> Vec<Splats> {
     let mut splats = trained(400, 0.2).splats();
+    if let (Strength::Opacity { peaks, .. }, Shapes::Each(factors)) = (&splats.strength, &splats.shapes)
+        && !are_trained
+    {
+        let masses = peaks.iter().zip(factors).map(|(peak, factor)| mass_of(-(-peak).ln_1p(), *factor));
+        splats.strength = Strength::Extinction { masses: masses.collect() };
+    }
     for i in 0..splats.centers.len() / 2 {
         if spread(i, 0.618) < share {
             let other = i + splats.centers.len() / 2;
@@ -119,7 +125,7 @@ fn run() -> Findings {
         ("default", Role::Default, unshaded()),
         ("by centres", Role::Ours, ordered(Order::Centers)),
         ("pixel by pixel", Role::Ours, ordered(Order::PerPixel)),
-        ("slabs of 0.5 σ, tolerance 0", Role::Ours, thin),
+        ("trained, slabs of 0.5 σ, tolerance 0", Role::Ours, thin),
     ];
     let sheet = moved(translucent(&plane(40, 0.06, [0.9, 0.8, 0.2]), 0.6), DVec3::new(0.1, 0.0, 0.2));
     let mixed = |splats: Vec<Splats>| {
@@ -128,7 +134,7 @@ fn run() -> Findings {
         scene
     };
     let (mut verdicts, mut threads_curves, mut tie_curves) = (Vec::new(), Vec::new(), Vec::new());
-    let still = mixed(with_ties(0.5));
+    let still = mixed(with_ties(0.5, true));
     for (name, role, settings) in &methods {
         let alone = by(1, &still, settings);
         let frames: Vec<(usize, Frame)> =
@@ -139,6 +145,8 @@ fn run() -> Findings {
             |(threads, frame): &(usize, Frame)| [*threads as f64, apart(&alone, frame).max_error.max(FLOOR)];
         threads_curves.push(Curve::new(*name, *role, frames.iter().map(off)));
 
+        let are_trained = *role != Role::Default;
+        let with_ties = |share| with_ties(share, are_trained);
         let reordered = |share: f64, morton: bool, found: fn(&Frame, &Frame) -> f64| {
             let put = |splats: Splats| if morton { splats.in_morton_order() } else { splats };
             let first = draw(&mixed(with_ties(share).into_iter().map(put).collect()), &view(), settings);
@@ -152,11 +160,14 @@ fn run() -> Findings {
         // Orders that tell one kernel from the next take equally distant ones, of the lattice too, as they come. Slabs add up what
         // lies in them: a hundred terms, each right to 6·10⁻⁸.
         let is_sorted = matches!(settings.order, Order::Centers | Order::PerPixel);
-        let shares = [(0.0, "shuffled, no pairs"), (0.5, "shuffled, half in pairs")];
-        for (share, what) in shares {
+        let shares = [
+            (0.0, "shuffled, no pairs", is_sorted),
+            (0.5, "shuffled, half in pairs", is_sorted || are_trained),
+        ];
+        for (share, what, fails) in shares {
             let figure = format!("{what}: largest difference");
             let verdict = at_most(*role, name, &figure, reordered(share, false, off), 1e-5);
-            verdicts.push(if is_sorted { failing(verdict) } else { verdict });
+            verdicts.push(if fails { failing(verdict) } else { verdict });
         }
         let in_morton_order = reordered(0.0, true, differing);
         verdicts.push(at_most(
@@ -198,7 +209,7 @@ fn run() -> Findings {
         },
         Panel {
             title: "The same splats in another order".into(),
-            x: Axis::linear("share of trained splats that lie in pairs in one place"),
+            x: Axis::linear("share of splats that lie in pairs in one place"),
             y: Axis::log("largest difference (10⁻⁹: none)"),
             bound: Some(1e-5),
             curves: tie_curves,

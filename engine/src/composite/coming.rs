@@ -70,7 +70,7 @@ impl Coming {
         while records.len() < BATCH {
             let next =
                 ahead.as_slice().first().map(|(record, slabs)| (*record, slabs.map(|slab| slab as u32)));
-            let piece = pieces.pop_front_if(|piece| next.is_none_or(|(_, slabs)| piece.first < slabs[0]));
+            let piece = pieces.pop_front_if(|piece| next.is_none_or(|(_, slabs)| piece.first <= slabs[0]));
             let (record, [first, mut last]) = match (&piece, next) {
                 (Some(piece), _) => (piece.record, [piece.first, slabs_of(piece.record)[1] as u32]),
                 (None, Some(next)) => {

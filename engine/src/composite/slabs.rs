@@ -9,7 +9,7 @@ use super::seen::{Seeing, Seen};
 use super::spread::{Cumulative, Matter, Shares};
 use super::sums::{Kept, NEAR, OpenSlabs, Sum};
 use crate::closing::{Closing, Slabs};
-use crate::raster::Kernels;
+use crate::raster::{Kernels, SlabColumns};
 use crate::simd::*;
 
 /// Slabs are open.
@@ -18,6 +18,8 @@ pub(super) struct Slabbed<S: Simd> {
     near: [Sum<S>; NEAR as usize],
     first: u32,
     end: u32,
+    /// The part of the first slab that is closed already.
+    closed: f32,
 }
 
 impl<S: Simd> Opening<S> for Slabbed<S> {
@@ -28,15 +30,15 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
 
     #[inline(always)]
     fn load(simd: S, seen: &Seen, open: &mut OpenSlabs) -> Self {
-        let (first, end) = (open.first, open.end);
+        let OpenSlabs { first, end, closed, .. } = *open;
         let near = if holds_sixteen::<S>() { open.take_near(simd) } else { [Sum::zero(simd); NEAR as usize] };
-        Self { seen: Seeing::load(simd, seen), near, first, end }
+        Self { seen: Seeing::load(simd, seen), near, first, end, closed }
     }
 
     #[inline(always)]
     fn store(self, seen: &mut Seen, open: &mut OpenSlabs) {
         self.seen.store(seen);
-        (open.first, open.end) = (self.first, self.end);
+        (open.first, open.end, open.closed) = (self.first, self.end, self.closed);
         self.keep(open);
     }
 
@@ -56,7 +58,7 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
         let Closing::Slabs(slabs) = closing else {
             return self.add_to_sheets::<DEPTH>(simd, plain, open);
         };
-        let narrow = plain.kernels.slabs.narrow;
+        let SlabColumns { narrow, whole, .. } = plain.kernels.slabs;
         let [level, level_in_three] = plain.kernels.slabs.level;
         let mut rest = plain.set;
         while rest != 0 {
@@ -69,9 +71,12 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
             let set = before(rest, rest & !level_in_three);
             self.add_level::<DEPTH, true>(simd, Plain { set, ..plain }, slabs, open);
             rest ^= set;
-            let set = before(rest, rest & (narrow | level_in_three));
+            let set = before(rest, rest & (narrow | level_in_three | whole));
             rest ^= set;
             self.add_wide::<DEPTH>(simd, Plain { set, ..plain }, slabs, open);
+            let set = before(rest, rest & !whole);
+            rest ^= set;
+            self.add_whole::<DEPTH>(simd, Plain { set, ..plain }, slabs, open);
         }
     }
 
@@ -92,6 +97,11 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
             self.end = self.end.max(first + 1);
             return;
         };
+        if kernels.slabs.whole >> number & 1 != 0 {
+            self.close_until::<DEPTH>(simd, kernels.slabs.place(number, slabs), slabs, open);
+            self.show::<DEPTH>(simd, [fragment.alpha, fragment.depth_inside()], fragment.color);
+            return;
+        }
         let segment = fragment.segment.map(
             #[inline(always)]
             |segment| [segment.from * ray_length, segment.to * ray_length],
@@ -114,7 +124,7 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
     fn finish<const DEPTH: bool>(&mut self, simd: S, closing: &Closing, open: &mut OpenSlabs) {
         self.close_before::<DEPTH>(simd, u32::MAX, closing.thickness(), open);
         // Ready for the next tile.
-        (self.first, self.end) = (0, 0);
+        (self.first, self.end, self.closed) = (0, 0, 0.0);
     }
 }
 
@@ -132,6 +142,9 @@ impl<S: Simd> Slabbed<S> {
     /// Closes slabs until `first` is the first one.
     #[inline(always)]
     fn close_before<const DEPTH: bool>(&mut self, simd: S, first: u32, thickness: f32, open: &mut OpenSlabs) {
+        if self.first < first {
+            self.closed = 0.0;
+        }
         while self.first < first.min(self.end) {
             let [mut sum, second, third] = self.near;
             if !holds_sixteen::<S>() {
@@ -146,6 +159,58 @@ impl<S: Simd> Slabbed<S> {
             self.near = [second, third, next];
         }
         self.first = self.first.max(first);
+    }
+
+    /// Closes slabs before a place in one of them, and of that one the part before the place: what is left of it is as even.
+    #[inline(always)]
+    fn close_until<const DEPTH: bool>(
+        &mut self,
+        simd: S,
+        (slab, part): (u32, f32),
+        slabs: &Slabs,
+        open: &mut OpenSlabs,
+    ) {
+        self.close_before::<DEPTH>(simd, slab, slabs.thickness(), open);
+        // Rounding may put a place into the slab after it, where nothing is closed.
+        if slab < self.first || self.first >= self.end || part <= self.closed {
+            return;
+        }
+        let part = part.min(1.0);
+        let share = (part - self.closed) / (1.0 - self.closed);
+        self.closed = part;
+        if !holds_sixteen::<S>() {
+            self.near[0] = self.near[0].plus(open.slab(slab));
+            *open.slab(slab) = Kept::ZERO;
+        }
+        let now = self.near[0].times(share);
+        self.near[0] = self.near[0].times(1.0 - share);
+        now.close::<DEPTH>(simd, &mut self.seen, slabs.thickness());
+    }
+
+    /// Adds plain kernels that are composited whole, at their centres.
+    #[inline(always)]
+    fn add_whole<const DEPTH: bool>(
+        &mut self,
+        simd: S,
+        mut plain: Plain<S>,
+        slabs: &Slabs,
+        open: &mut OpenSlabs,
+    ) {
+        let kernels = plain.kernels;
+        while let Some(number) = plain.next() {
+            self.close_until::<DEPTH>(simd, kernels.slabs.place(number, slabs), slabs, open);
+            let alpha_and_depth = plain.alpha_and_depth::<DEPTH>(simd, number);
+            self.show::<DEPTH>(simd, alpha_and_depth, kernels.color(number));
+        }
+    }
+
+    /// Puts something flat behind what is seen.
+    #[inline(always)]
+    fn show<const DEPTH: bool>(&mut self, simd: S, [alpha, depth]: [W<S>; 2], color: [f32; 3]) {
+        let shown = self.seen.blend(simd, alpha, color);
+        if DEPTH {
+            self.seen.place(shown, depth);
+        }
     }
 
     /// Adds plain kernels that touch two slabs at most.

@@ -41,13 +41,15 @@ pub(crate) struct OpenSlabs {
     pub(super) first: u32,
     /// There is nothing from this one on.
     pub(super) end: u32,
+    /// The part of the first one that is closed already.
+    pub(super) closed: f32,
     /// Slab n at n modulo their number; zero where nothing is, or all that is there is in registers.
     kept: [Kept; MOST_OPEN as usize],
 }
 
 impl Default for OpenSlabs {
     fn default() -> Self {
-        Self { first: 0, end: 0, kept: [Kept::ZERO; MOST_OPEN as usize] }
+        Self { first: 0, end: 0, closed: 0.0, kept: [Kept::ZERO; MOST_OPEN as usize] }
     }
 }
 
@@ -119,6 +121,16 @@ impl<S: Simd> Sum<S> {
         }
         self.depth += kept.depth;
         self
+    }
+
+    /// A share of it.
+    #[inline(always)]
+    pub(super) fn times(&self, share: f32) -> Self {
+        let color = self.color.each(
+            #[inline(always)]
+            |sum| sum * share,
+        );
+        Self { optical_depth: self.optical_depth * share, color, depth: self.depth * share }
     }
 
     #[inline(always)]

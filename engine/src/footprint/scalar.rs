@@ -220,7 +220,8 @@ impl<'a> Projector<'a> {
             let [x, y, z] = [splat.factor.x_axis, splat.factor.y_axis, splat.factor.z_axis];
             let trace = x.length_squared() + y.length_squared() + z.length_squared() + filter.powi(2);
             let along = [f64::from(distance), footprint.sigma_z * ray.length(), (cutoff * trace).sqrt()];
-            record.amplitude_slope_or_slabs = closing.numbers_of_one(splat.center.as_vec3(), along);
+            let is_whole = closing.takes_whole(&splats.kind);
+            record.amplitude_slope_or_slabs = closing.numbers_of_one(is_whole, splat.center.as_vec3(), along);
             distance = record.amplitude_slope_or_slabs[0];
         }
         if settings.color_by_form {

@@ -67,7 +67,7 @@ pub(crate) struct Kernels {
     /// [`REACH`] σ_z.
     reach: Column,
     /// Those whose opacities are the polynomial; of optical depths only in the affine form, where they have a peak. Where there are slabs, those
-    /// in the affine form.
+    /// in the affine form, and opacities that are whole.
     pub(super) thin: u64,
     /// Those that need no more than an opacity, and z where that is asked for: the thin ones, and all of a thick batch.
     pub(crate) plain: u64,
@@ -186,6 +186,7 @@ impl Kernels {
         self.is_thick = self.opacities == 0 && !lens.is_taylor && !lens.closing.has_slabs() && are_many;
         self.plain = if self.is_thick { u64::MAX } else { self.thin };
         if let Closing::Slabs(slabs) = &lens.closing {
+            self.slabs.whole = if lens.closing.is_mixed() { self.opacities } else { 0 };
             for first in self.outlines.sixteens() {
                 self.prepare_slabs(simd, (tile, slabs), first);
             }
@@ -218,8 +219,8 @@ impl Kernels {
             alpha.store_slice(&mut column[range.clone()]);
         }
         let is_thin = if lens.closing.has_slabs() {
-            // Optical depths add up, and need no polynomial.
-            !exact
+            // Optical depths add up, and need no polynomial; nor do opacities that are composited whole.
+            !exact | (opacity & mask32x16::splat(simd, lens.closing.is_mixed()))
         } else {
             let most = W::simd_from(simd, if lens.is_taylor { f32::INFINITY } else { THIN_PEAK });
             opacity | (amplitude.simd_le(most) & !exact)

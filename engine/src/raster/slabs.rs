@@ -26,6 +26,8 @@ pub(crate) struct SlabColumns {
     pub(crate) narrow: u64,
     /// Whole records that touch three slabs.
     in_three: u64,
+    /// Those that are composited whole, at their centres.
+    pub(crate) whole: u64,
     /// Those of optical depths that touch two slabs, and three, of which all pixels see the same shares.
     pub(crate) level: [u64; 2],
     /// What these have in their slabs where w = e^{−r/2} is 1.
@@ -67,6 +69,7 @@ impl SlabColumns {
         normal_part: [0.0; BATCH],
         narrow: 0,
         in_three: 0,
+        whole: 0,
         level: [0; 2],
         in_slabs: [Heap::NONE; 3],
         begin: 0,
@@ -117,6 +120,13 @@ impl SlabColumns {
             color: [red[number], green[number], blue[number]],
             depth: depth[number],
         }
+    }
+
+    /// The slab in which a record is composited whole, and the part of it before the record.
+    #[inline(always)]
+    pub(crate) fn place(&self, number: usize, slabs: &Slabs) -> (u32, f32) {
+        let first = self.first[number];
+        (first, (self.distance[number] - slabs.begin(first)) / slabs.thickness())
     }
 
     /// See [`Spread`].
@@ -172,6 +182,7 @@ impl Kernels {
             half: halves,
             normal_part: normal_parts,
             narrow,
+            whole,
             ..
         } = &mut self.slabs;
         center.store_slice(&mut distance[range.clone()]);
@@ -183,7 +194,7 @@ impl Kernels {
         inverse.store_slice(&mut inverses[range.clone()]);
         half.store_slice(&mut halves[range]);
         let wider = normal_part.simd_gt(W::simd_from(simd, 0.0)).to_bitmask();
-        *narrow &= !(wider << first);
+        *narrow &= !(wider << first | *whole);
         // The change over a σ of the footprint, as in `prepare`.
         let [a, b, c] = sixteen_of(simd, &outlines.root, first);
         let x = slope[0] * reciprocal(simd, a);

@@ -1,8 +1,9 @@
 //! What lies in the middle of all that is seen along a ray.
 
 use super::integral::{Fragment, NormalDistribution, OPAQUE, REACH};
-use super::layers::layers;
+use super::layers::{Layer, layers};
 use super::splats::{Kernel, Setup, Splat};
+use super::trace::Whole;
 use super::view::Ray;
 use crate::camera::Camera;
 use crate::scene::{RenderSettings, Scene};
@@ -20,11 +21,18 @@ pub(crate) struct Median<'a> {
     normal: NormalDistribution,
 }
 
-/// A kernel on a ray.
+/// A kernel on a ray, spread along it.
 struct Met {
     fragment: Fragment,
     id: u32,
-    distance: f64,
+}
+
+/// What lets a part of the light through at one z; what is seen there may be at another one.
+struct Sheet {
+    z: f64,
+    left: f64,
+    id: u32,
+    seen_at: f64,
 }
 
 impl<'a> Median<'a> {
@@ -39,60 +47,51 @@ impl<'a> Median<'a> {
     pub(crate) fn at(&self, pixel: DVec2, ids: &[u32]) -> Option<(u32, f64, f64)> {
         let ray = self.setup.view.ray(pixel);
         let near = self.setup.view.near;
-        let (mut samples, mut kernels) = (Vec::new(), Vec::new());
+        let (mut samples, mut kernels, mut whole) = (Vec::new(), Vec::new(), Vec::new());
         for id in ids {
             match self.setup.seen_splat(*id) {
                 Some(Splat::Surfel(surfel)) => samples.extend(surfel.sample(&ray, near)),
+                Some(Splat::Kernel(kernel)) if kernel.is_whole => whole.extend(Whole::of(&kernel, &ray)),
                 Some(Splat::Kernel(kernel)) => kernels.extend(met(&kernel, &ray)),
                 None => {}
             }
         }
-        // What each layer leaves, front to back: (id, z, 1 − α).
-        let layers: Vec<_> =
-            layers(&mut samples).map(|layer| (layer.id, layer.z, 1.0 - layer.alpha)).collect();
-        if self.setup.by_centers {
-            return self.among_whole(kernels, &layers);
-        }
+        whole.sort_by(|a, b| a.at.total_cmp(&b.at).then(a.id.cmp(&b.id)));
+        let sheets = self.sheets(layers(&mut samples), &whole);
         let end = kernels.iter().map(|k| k.fragment.z + REACH * k.fragment.sigma).fold(near, f64::max);
         let passed = |z: f64| (-self.optical_depth(&kernels, z)).exp();
-        let behind = passed(end) * layers.iter().map(|(_, _, left)| left).product::<f64>();
+        let behind = passed(end) * sheets.iter().map(|sheet| sheet.left).product::<f64>();
         let goal = half_seen(behind)?;
         let (mut from, mut left) = (near, 1.0);
-        for (id, z, own) in layers {
+        for Sheet { z, left: own, id, seen_at } in sheets {
             if left * passed(z) <= goal {
                 return self.inside(&kernels, [from, z], goal / left, behind);
             }
             if left * passed(z) * own <= goal {
-                return Some((id, z, 1.0 - behind));
+                return Some((id, seen_at, 1.0 - behind));
             }
             (from, left) = (z, left * own);
         }
         self.inside(&kernels, [from, end], goal / left, behind)
     }
 
-    /// Among kernels that are composited whole between layers.
-    fn among_whole(&self, mut kernels: Vec<Met>, layers: &[(u32, f64, f64)]) -> Option<(u32, f64, f64)> {
-        kernels.sort_by(|a, b| a.distance.total_cmp(&b.distance).then(a.id.cmp(&b.id)));
-        let (mut met, mut from) = (Vec::new(), self.setup.view.near);
-        for layer in layers.iter().map(Some).chain([None]) {
-            let to = layer.map_or(f64::INFINITY, |(_, z, _)| *z);
-            met.extend(kernels.iter().map(|k| {
-                let f = &k.fragment;
-                let [before, until] = [from, to].map(|z| self.normal.at((z - f.z) / f.sigma));
-                let left = (-(until - before).max(0.0) * f.optical_depth).exp();
-                (k.id, f.z.max(from).min(to), left)
+    /// Surface layers, and what is composited whole between them, from near to far.
+    fn sheets<'b>(&self, layers: impl Iterator<Item = Layer<'b>>, whole: &[Whole]) -> Vec<Sheet> {
+        let (mut sheets, mut from) = (Vec::new(), self.setup.view.near);
+        for layer in layers.map(Some).chain([None]) {
+            let to = layer.as_ref().map_or(f64::INFINITY, |layer| layer.z);
+            sheets.extend(whole.iter().map(|kernel| Sheet {
+                z: kernel.at.max(from).min(to),
+                left: (-kernel.between(&self.normal, [from, to])).exp(),
+                id: kernel.id,
+                seen_at: kernel.fragment.z.max(from).min(to),
             }));
-            met.extend(layer);
+            let sheet =
+                |layer: Layer<'_>| Sheet { z: to, left: 1.0 - layer.alpha, id: layer.id, seen_at: to };
+            sheets.extend(layer.map(sheet));
             from = to;
         }
-        let behind: f64 = met.iter().map(|(_, _, left)| left).product();
-        let goal = half_seen(behind)?;
-        let mut seen_through = 1.0;
-        let across = met.into_iter().find(|(_, _, left)| {
-            seen_through *= left;
-            seen_through <= goal
-        });
-        across.map(|(id, z, _)| (id, z, 1.0 - behind))
+        sheets
     }
 
     /// The kernel that takes most light where the volume's transmittance falls to `goal`, between two depths.
@@ -129,7 +128,7 @@ impl<'a> Median<'a> {
 
 fn met(kernel: &Kernel, ray: &Ray) -> Option<Met> {
     let fragment = kernel.fragment(ray).filter(|f| f.optical_depth > 0.0)?;
-    Some(Met { fragment, id: kernel.id, distance: kernel.distance })
+    Some(Met { fragment, id: kernel.id })
 }
 
 /// The transmittance at which half of what is seen is in front, where anything is seen.

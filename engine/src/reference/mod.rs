@@ -15,8 +15,9 @@
 //!
 //! What they define:
 //! * `Extinction` kernels act as far as 6σ and are not renormalised (e⁻¹⁸ is left out).
-//! * `Opacity` kernels are composited whole in the order of their centres' distance (ties by id), wherever surfaces are: of
-//!   one that a surface goes through each side is whole. Beside `Extinction` their optical depth −ln(1 − α) is spread along the ray.
+//! * `Opacity` kernels are composited whole at the distances of their centres (ties by id), whatever else is in the scene: what lies
+//!   of other kernels before these is integrated before them. Of one that a surface goes through each side is whole. Where the settings
+//!   ask for slabs and there is no `Extinction`, their optical depth −ln(1 − α) is spread along the ray.
 //! * A `Classic` filter is one that R1 has and R2 does not: R2 shows kernels of less than a pixel as small as they
 //!   are, R1 those that a pixel sees.
 //! * `Surface` samples end at the settings' outline, as the rule of layers needs a support, and their

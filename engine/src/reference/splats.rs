@@ -9,7 +9,7 @@ use super::view::{Ray, View};
 use crate::cloud::{Cloud, OpacityFilter};
 use crate::color::{linear_to_srgb, srgb_to_linear};
 use crate::columns::Kind;
-use crate::scene::{Blend, RenderSettings, Scene};
+use crate::scene::{Blend, Order, RenderSettings, Scene};
 use glam::{DAffine3, DMat3, DVec3, DVec4};
 use rayon::prelude::*;
 
@@ -37,8 +37,8 @@ pub(super) struct Setup<'a> {
     /// Variance of the filter that splats take up, in squared pixels.
     pub(super) low_pass: f64,
     pub(super) clouds: Vec<Placed<'a>>,
-    /// Whether all kernels are of kind `Opacity`, which are composited by their centres then.
-    pub(super) by_centers: bool,
+    /// Whether kernels of kind `Opacity` are composited whole, at their centres; else they are spread along the ray.
+    pub(super) opacities_are_whole: bool,
 }
 
 /// A cloud in camera space.
@@ -89,8 +89,10 @@ pub(super) struct Kernel {
     gaussian: Gaussian,
     strength: Amplitude,
     color: DVec3,
-    /// What `Opacity` kernels are ordered by.
+    /// Of the centre.
     pub(super) distance: f64,
+    /// Whether it is composited there, between surfaces.
+    pub(super) is_whole: bool,
     pub(super) id: u32,
 }
 
@@ -126,13 +128,13 @@ impl<'a> Setup<'a> {
             });
             count += cloud.len();
         }
-        let spreads = |c: &Cloud| matches!(c.columns().kind, Kind::Extinction) && !c.is_empty();
+        let is_slabs = matches!(settings.order, Order::Slabs { .. });
         Self {
             view: View::new(camera),
             lighting: Lighting::new(scene, world_to_camera),
             settings,
             low_pass,
-            by_centers: !scene.clouds.iter().any(spreads),
+            opacities_are_whole: scene.has_extinctions() || !is_slabs,
             clouds,
         }
     }
@@ -316,7 +318,9 @@ impl<'a> Setup<'a> {
         } else {
             color
         };
-        Some(Splat::Kernel(Kernel { gaussian, strength, color, distance: self.view.distance(center), id }))
+        let is_whole = matches!(strength, Amplitude::Peak(_)) && self.opacities_are_whole;
+        let distance = self.view.distance(center);
+        Some(Splat::Kernel(Kernel { gaussian, strength, color, distance, is_whole, id }))
     }
 }
 

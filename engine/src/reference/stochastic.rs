@@ -52,8 +52,8 @@ pub struct Estimate {
 ///
 /// In a sample every kernel has its first collision at an optical depth t along it of density e^{−t}: where t is
 /// below its τ behind the near plane, at the z that has τΦ((z − z₀)/σ_z) = τΦ((near − z₀)/σ_z) + t. Each surface
-/// layer, made by R1's rule, is hit with probability α. The nearest hit is what is seen. Where all kernels are of kind `Opacity` they
-/// are defined by the order of their centres: between two layers a hit is as far away as its kernel's centre.
+/// layer, made by R1's rule, is hit with probability α. The nearest hit is what is seen. `Opacity` kernels are
+/// defined by the order of their centres: between two layers a hit is as far away as its kernel's centre.
 ///
 /// Uses all of rayon's current threads; the result is the same for any number of them. It changes with `seed` alone.
 /// Time goes with samples times optical depth along a ray. Beyond an optical depth of 1e10 the faintest kernels
@@ -109,7 +109,7 @@ enum Place {
     },
 }
 
-/// How far a ray comes: the number of the segment between layers, where these are told apart, and how far in it.
+/// How far a ray comes: the number of layers before, and the z, which may lie beyond the next of these.
 type Distance = (usize, f64);
 
 impl Chance {
@@ -120,27 +120,22 @@ impl Chance {
         Self { optical_depth: shares[1] * optical_depth, place: Place::Along { z, sigma, shares }, color }
     }
 
-    /// Of what lies between two depths of a kernel that is composited whole there.
-    pub(super) fn of_share(fragment: &Fragment, ends: [f64; 2], at: Distance) -> Self {
-        let Fragment { z, sigma, optical_depth, color } = *fragment;
-        let [from, to] = ends.map(|end| normal_cdf((end - z) / sigma));
-        Self { optical_depth: (to - from).max(0.0) * optical_depth, place: Place::At(at), color }
-    }
-
-    pub(super) fn of_layer(alpha: f64, at: Distance, color: DVec3) -> Self {
-        Self { optical_depth: (-(-alpha).ln_1p()).min(MOST_OPAQUE), place: Place::At(at), color }
+    /// Of what lies at a distance.
+    pub(super) fn at(distance: Distance, optical_depth: f64, color: DVec3) -> Self {
+        Self { optical_depth: optical_depth.min(MOST_OPAQUE), place: Place::At(distance), color }
     }
 }
 
 impl Place {
-    /// How far a ray comes that is stopped at a share of the optical depth.
-    fn distance(&self, share: f64) -> Distance {
+    /// How far a ray comes, between layers at these z, that is stopped at a share of the optical depth.
+    fn distance(&self, share: f64, cuts: &[f64]) -> Distance {
         match *self {
             Self::At(distance) => distance,
             Self::Along { z, sigma, shares: [before, behind] } => {
                 let passed = before + share * behind;
                 let quantile = normal_quantile(passed.clamp(f64::MIN_POSITIVE, 1.0 - 0.5 * f64::EPSILON));
-                (0, z + sigma * quantile)
+                let z = z + sigma * quantile;
+                (cuts.partition_point(|cut| *cut <= z), z)
             }
         }
     }
@@ -150,16 +145,18 @@ impl Place {
 struct Line {
     chances: Vec<Chance>,
     ends: Vec<f64>,
+    /// Where layers are.
+    cuts: Vec<f64>,
 }
 
 impl Line {
-    fn new(chances: Vec<Chance>) -> Self {
+    fn new((chances, cuts): (Vec<Chance>, Vec<f64>)) -> Self {
         let lay = |end: &mut f64, chance: &Chance| {
             *end += chance.optical_depth;
             Some(*end)
         };
         let ends = chances.iter().scan(0.0, lay).collect();
-        Self { chances, ends }
+        Self { chances, ends, cuts }
     }
 
     /// Draws once: the colour of what is hit, if anything is.
@@ -170,7 +167,7 @@ impl Line {
             let number = self.ends.partition_point(|end| *end <= at);
             let Some(Chance { optical_depth, place, color }) = self.chances.get(number) else { return seen };
             let end = self.ends[number];
-            let distance = place.distance(1.0 - (end - at) / optical_depth);
+            let distance = place.distance(1.0 - (end - at) / optical_depth, &self.cuts);
             if distance < nearest {
                 (nearest, seen) = (distance, Some(*color));
             }
@@ -301,7 +298,7 @@ mod tests {
     /// Binomial probabilities of being off by more than three and six standard errors.
     fn tails(count: u32, probability: f64) -> [f64; 2] {
         let n = f64::from(count);
-        let hit = Chance::of_layer(probability, (0, 1.0), DVec3::ZERO);
+        let hit = Chance::at((0, 1.0), -(-probability).ln_1p(), DVec3::ZERO);
         let mut sums = Sums { count: n, ..Sums::new(&[hit], [0.0; 4]) };
         let (mut tails, mut weight) = ([0.0; 2], (n * (-probability).ln_1p()).exp());
         for k in 0..=count {
@@ -334,7 +331,7 @@ mod tests {
     #[test]
     fn a_ray_is_stopped_as_far_as_its_medium_says() {
         let kernel = Fragment { z: 7.0, sigma: 0.5, optical_depth: 4.0, color: DVec3::ONE };
-        let z_at = |chance: &Chance, share: f64| chance.place.distance(share).1;
+        let z_at = |chance: &Chance, share: f64| chance.place.distance(share, &[]).1;
         let chance = Chance::of_kernel(&kernel, f64::NEG_INFINITY);
         assert!((chance.optical_depth - 4.0).abs() < 1e-12);
         // Φ(−2) of it is passed two σ before its middle.
@@ -344,10 +341,11 @@ mod tests {
         assert!((chance.optical_depth - 2.0).abs() < 1e-12);
         assert!((z_at(&chance, 0.0) - 7.0).abs() < 1e-9);
         assert!((z_at(&chance, 0.5) - 7.337_244_875).abs() < 1e-6);
-        // By centres what is between two depths is stopped there: Φ(1) − Φ(0) of it.
-        let chance = Chance::of_share(&kernel, [7.0, 7.5], (2, 3.0));
-        assert!((chance.optical_depth - 4.0 * 0.341_344_746).abs() < 1e-8);
-        assert_eq!(chance.place.distance(0.3), (2, 3.0));
+        // Layers tell its parts apart.
+        assert_eq!([0.1, 0.5, 0.9].map(|share| chance.place.distance(share, &[7.2, 7.4]).0), [0, 1, 2]);
+        // What is whole is stopped where it is.
+        let chance = Chance::at((2, 3.0), 4.0, DVec3::ONE);
+        assert_eq!(chance.place.distance(0.3, &[7.2]), (2, 3.0));
     }
 
     #[test]
@@ -355,8 +353,9 @@ mod tests {
         // Far ones first. The second is hit unless the first is in its way, the third never: the last is opaque.
         let [a, b, c] = [0.5, 0.25, 1.0];
         let color = |number: usize| DVec3::AXES[number];
+        let layer = |(alpha, z, i): (f64, f64, usize)| Chance::at((0, z), -(-alpha).ln_1p(), color(i));
         let layers = [(c, 2.5, 2), (0.9, 3.0, 0), (b, 2.0, 1), (a, 1.0, 0)];
-        let line = Line::new(layers.map(|(alpha, z, i)| Chance::of_layer(alpha, (0, z), color(i))).into());
+        let line = Line::new((layers.map(layer).into(), Vec::new()));
         let (mut random, mut sum, count) = (Random::new(5), DVec3::ZERO, 100_000);
         for _ in 0..count {
             sum += line.sample(&mut random).unwrap_or(DVec3::NAN);

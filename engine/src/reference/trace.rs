@@ -50,9 +50,33 @@ pub(super) struct Tracer<'s, 'a> {
     setup: &'s Setup<'a>,
     normal: &'s NormalDistribution,
     surfels: Vec<Surfel<'a>>,
+    /// Those that are spread along rays.
     kernels: Vec<Kernel>,
+    /// Those that are composited at their centres, from near to far.
+    whole: Vec<Kernel>,
     samples: Vec<Sample<'a>>,
     fragments: Vec<Fragment>,
+}
+
+/// A kernel that is composited whole between two surfaces, at the z where a ray is as far away as its centre.
+#[derive(Clone, Copy)]
+pub(super) struct Whole {
+    pub(super) fragment: Fragment,
+    pub(super) at: f64,
+    pub(super) id: u32,
+}
+
+impl Whole {
+    pub(super) fn of(kernel: &Kernel, ray: &Ray) -> Option<Self> {
+        let at = kernel.distance / ray.direction.length();
+        Some(Self { fragment: kernel.fragment(ray)?, at, id: kernel.id })
+    }
+
+    /// Its optical depth between two depths.
+    pub(super) fn between(&self, normal: &NormalDistribution, [from, to]: [f64; 2]) -> f64 {
+        let Fragment { z, sigma, optical_depth, .. } = self.fragment;
+        (normal.at((to - z) / sigma) - normal.at((from - z) / sigma)).max(0.0) * optical_depth
+    }
 }
 
 impl<'s, 'a> Tracer<'s, 'a> {
@@ -61,17 +85,16 @@ impl<'s, 'a> Tracer<'s, 'a> {
         normal: &'s NormalDistribution,
         splats: impl Iterator<Item = Splat<'a>>,
     ) -> Self {
-        let (mut surfels, mut kernels) = (Vec::new(), Vec::new());
+        let (mut surfels, mut kernels, mut whole) = (Vec::new(), Vec::new(), Vec::new());
         for splat in splats {
             match splat {
                 Splat::Surfel(surfel) => surfels.push(surfel),
+                Splat::Kernel(kernel) if kernel.is_whole => whole.push(kernel),
                 Splat::Kernel(kernel) => kernels.push(kernel),
             }
         }
-        if setup.by_centers {
-            kernels.sort_by(|a, b| a.distance.total_cmp(&b.distance).then(a.id.cmp(&b.id)));
-        }
-        Self { setup, normal, surfels, kernels, samples: Vec::new(), fragments: Vec::new() }
+        whole.sort_by(|a, b| a.distance.total_cmp(&b.distance).then(a.id.cmp(&b.id)));
+        Self { setup, normal, surfels, kernels, whole, samples: Vec::new(), fragments: Vec::new() }
     }
 
     /// What is seen along a ray, and its first surface.
@@ -80,51 +103,53 @@ impl<'s, 'a> Tracer<'s, 'a> {
         self.fragments.clear();
         self.fragments.extend(self.kernels.iter().filter_map(|k| k.fragment(ray)));
         self.take_samples(ray);
-        // Whole kernels are in the order of their centres, and stay.
-        let whole = if self.setup.by_centers { std::mem::take(&mut self.fragments) } else { Vec::new() };
+        let whole: Vec<Whole> = self.whole.iter().filter_map(|kernel| Whole::of(kernel, ray)).collect();
         let mut path = Path::new();
         let mut march = March::new(self.normal, &mut self.fragments, near, STEPS_PER_SIGMA);
         let (mut first, mut from) = (None, near);
-        for layer in layers(&mut self.samples) {
+        for layer in layers(&mut self.samples).map(Some).chain([None]) {
+            let to = layer.as_ref().map_or(f64::INFINITY, |layer| layer.z);
+            for kernel in &whole {
+                let alpha = -(-kernel.between(self.normal, [from, to])).exp_m1();
+                if alpha > 0.0 {
+                    march.advance(kernel.at.max(from).min(to), &mut path);
+                    path.over(alpha, kernel.fragment.color, kernel.fragment.z.max(from).min(to));
+                }
+            }
+            march.advance(to, &mut path);
+            let Some(layer) = layer else { break };
             first.get_or_insert(FirstSurface { z: layer.z, id: layer.id, normal: layer.normal });
-            march.advance(layer.z, &mut path);
-            add_whole(self.normal, &whole, [from, layer.z], &mut path);
-            from = layer.z;
             path.over(layer.alpha, shaded(self.setup, &layer, ray), layer.z);
             if path.transmittance <= OPAQUE {
                 break;
             }
+            from = to;
         }
-        march.advance(f64::INFINITY, &mut path);
-        add_whole(self.normal, &whole, [from, f64::INFINITY], &mut path);
         (path, first)
     }
 
-    /// All that a ray may hit.
-    pub(super) fn chances(&mut self, ray: &Ray) -> Vec<Chance> {
+    /// All that a ray may hit, and where the layers are.
+    pub(super) fn chances(&mut self, ray: &Ray) -> (Vec<Chance>, Vec<f64>) {
         self.take_samples(ray);
         let (setup, near) = (self.setup, self.setup.view.near);
-        let kernels = || self.kernels.iter().filter_map(|kernel| Some((kernel, kernel.fragment(ray)?)));
-        let layers = layers(&mut self.samples).map(|layer| {
-            let color = shaded(setup, &layer, ray);
-            (layer.z, layer.alpha, color)
-        });
-        let mut chances = Vec::new();
-        if !setup.by_centers {
-            chances.extend(kernels().map(|(_, fragment)| Chance::of_kernel(&fragment, near)));
-            chances.extend(layers.map(|(z, alpha, color)| Chance::of_layer(alpha, (0, z), color)));
-            return chances;
-        }
-        // Between two layers nothing but the order of centres counts.
-        let (mut from, mut segment) = (near, 0);
-        for (z, alpha, color) in layers.chain([(f64::INFINITY, 0.0, DVec3::ZERO)]) {
-            chances.extend(kernels().map(|(kernel, fragment)| {
-                Chance::of_share(&fragment, [from, z], (segment, kernel.distance))
+        let spread = self.kernels.iter().filter_map(|kernel| kernel.fragment(ray));
+        let mut chances: Vec<Chance> = spread.map(|fragment| Chance::of_kernel(&fragment, near)).collect();
+        let whole: Vec<Whole> = self.whole.iter().filter_map(|kernel| Whole::of(kernel, ray)).collect();
+        let (mut cuts, mut from) = (Vec::new(), near);
+        for layer in layers(&mut self.samples).map(Some).chain([None]) {
+            let to = layer.as_ref().map_or(f64::INFINITY, |layer| layer.z);
+            let segment = cuts.len();
+            chances.extend(whole.iter().map(|kernel| {
+                let optical_depth = kernel.between(self.normal, [from, to]);
+                Chance::at((segment, kernel.at), optical_depth, kernel.fragment.color)
             }));
-            chances.push(Chance::of_layer(alpha, (segment, f64::INFINITY), color));
-            (from, segment) = (z, segment + 1);
+            let Some(layer) = layer else { break };
+            let optical_depth = -(-layer.alpha).ln_1p();
+            chances.push(Chance::at((segment, f64::INFINITY), optical_depth, shaded(setup, &layer, ray)));
+            cuts.push(to);
+            from = to;
         }
-        chances
+        (chances, cuts)
     }
 
     /// The first surface of a ray.
@@ -138,14 +163,6 @@ impl<'s, 'a> Tracer<'s, 'a> {
         let near = self.setup.view.near;
         self.samples.clear();
         self.samples.extend(self.surfels.iter().filter_map(|s| s.sample(ray, near)));
-    }
-}
-
-/// Adds what lies between two depths of kernels that are composited whole there, one after the other.
-fn add_whole(normal: &NormalDistribution, whole: &[Fragment], [from, to]: [f64; 2], path: &mut Path) {
-    for f in whole {
-        let share = normal.at((to - f.z) / f.sigma) - normal.at((from - f.z) / f.sigma);
-        path.over(-(-share.max(0.0) * f.optical_depth).exp_m1(), f.color, f.z.max(from).min(to));
     }
 }
 

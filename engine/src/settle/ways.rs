@@ -1,7 +1,6 @@
 //! The ways in which a scene may be drawn.
 
 use crate::cloud::Cloud;
-use crate::columns::Kind;
 use crate::levels::eigenvalues;
 use crate::scene::{FootprintForm, Order, RenderSettings, Scene};
 use glam::DMat3;
@@ -45,13 +44,13 @@ const SHARE_OF_FINEST: f64 = 0.1;
 pub(super) fn ways(scene: &Scene, settings: &RenderSettings) -> Vec<(Order, FootprintForm)> {
     let order = match settings.order {
         Order::Auto if scene.clouds.iter().all(Cloud::is_surface) => Some(Order::Auto),
-        Order::Auto if scene.is_sorted_by_definition() => Some(Order::Centers),
+        Order::Auto if !scene.has_extinctions() => Some(Order::Centers),
         Order::Auto => None,
         order => Some(order),
     };
-    let kernels = || scene.clouds.iter().filter(|cloud| !cloud.is_surface());
-    let needs_centers = scene.has_opacities() || kernels().count() > 1;
-    let are_alike = kernels().count() == 1 && kernels().all(|cloud| cloud.columns().factors.are_alike());
+    let media = || scene.clouds.iter().filter(|cloud| cloud.is_medium());
+    let needs_centers = scene.has_opacities() || media().count() > 1;
+    let are_alike = media().count() == 1 && media().all(|cloud| cloud.columns().factors.are_alike());
     let is_left_out = |way: &(Order, FootprintForm)| way.0 == slabs(BOXED) && !are_alike;
     let finest = finest(scene, settings.tolerance);
     let thin = FINEST.into_iter().filter(|thickness| *thickness >= finest);
@@ -80,7 +79,7 @@ pub(super) fn take_as_long(a: &(Order, FootprintForm), b: &(Order, FootprintForm
 fn finest(scene: &Scene, tolerance: f64) -> f64 {
     let unbounded = if tolerance < 1.0 / 255.0 { 0.25 } else { 0.5 };
     let are_enough = |thickness: f64| {
-        scene.clouds.iter().filter(|cloud| !cloud.is_surface()).all(|cloud| match error(cloud, thickness) {
+        scene.clouds.iter().filter(|cloud| cloud.is_medium()).all(|cloud| match error(cloud, thickness) {
             Some(error) => error <= SHARE_OF_FINEST * tolerance,
             None => thickness <= unbounded,
         })
@@ -94,7 +93,7 @@ fn finest(scene: &Scene, tolerance: f64) -> f64 {
 /// aren't alike, or where slabs are so thick that this is none.
 fn error(cloud: &Cloud, thickness: f64) -> Option<f64> {
     let columns = cloud.columns();
-    if columns.kind != Kind::Extinction || !columns.factors.are_alike() {
+    if !columns.factors.are_alike() {
         return None;
     }
     let factor = columns.factor(0).as_dmat3();

@@ -101,13 +101,17 @@ impl WideProjector<'_> {
         }
     }
 
-    /// The slabs that kernels may touch, first and last.
+    /// The slabs that kernels may touch, first and last, or the places of those that are composited whole.
     #[inline(always)]
     fn slabs<S: Simd>(&self, simd: S, placed: &Placed<S>, exact: M<S>, along: &Along<S>) -> [V<S>; 2] {
         let Along { distance, sigma, variance } = *along;
+        let closing = &self.scalar.view.closing;
+        if closing.takes_whole(&self.scalar.columns.kind) {
+            return closing.places(simd, distance);
+        }
         let variance = exact.select(sigma.mul_add(sigma, variance), variance);
         let reach = (variance * self.cutoff).sqrt();
-        self.scalar.view.closing.numbers(simd, placed.center, (distance, sigma, reach))
+        closing.numbers(simd, placed.center, (distance, sigma, reach))
     }
 
     /// Projects what is left to the scalar projection; records keep the order of splats.
