@@ -141,9 +141,12 @@ fn keep_to_their_tolerance(scale: Scale) {
             let asked = RenderSettings { tolerance: levels / 255.0, ..settings };
             settle(&scene, &camera, &asked).expect("the program's own scenes can be drawn")
         };
-        // Opacities are ordered by their centres by definition.
-        let is_trained = built_in.name == "trained";
-        let order = if is_trained { Order::Centers } else { Order::Slabs { thickness: 0.25 } };
+        // Opacities are ordered by their centres by definition; what is before them in a slab asks for thinner ones.
+        let order = match built_in.name {
+            "trained" => Order::Centers,
+            "staged" => Order::Slabs { thickness: 0.0625 },
+            _ => Order::Slabs { thickness: 0.25 },
+        };
         let (footprint, tolerance) = (FootprintForm::Exact, 1e-6);
         let finest = draw(&scene, &RenderSettings { order, footprint, cutoff: 30.0, tolerance, ..settings });
         let empty = draw(&Scene::default(), &settings)[0];

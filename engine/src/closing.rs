@@ -32,7 +32,8 @@ pub(crate) enum Closing {
     Sheets(Sheets),
 }
 
-/// Slabs by distance from the eye, or from its plane where rays are parallel; the first begins at the near plane.
+/// Slabs by distance from the eye, or from its plane where rays are parallel; the first begins at the near plane, or one slab before it where
+/// opacities are composited whole.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Slabs {
     near: f64,
@@ -131,7 +132,7 @@ const LEAST_STEEP: f32 = 0.1;
 
 /// Slabs go by the clouds with the smallest kernels, down to this share of the largest: a kernel that touches ten thousand slabs
 /// would take as long as a thousand that touch one or two each.
-const LARGEST_RATIO: f64 = 1024.0;
+pub(crate) const LARGEST_RATIO: f64 = 1024.0;
 
 /// Behind it there are no others: sorting has as many bits, and single precision tells as many distances apart.
 const LAST_SLAB: u32 = (1 << 22) - 1;
@@ -165,13 +166,15 @@ impl Closing {
         let farthest = visible.iter().map(|range| range.distances[1]).fold(0.0, f32::max);
         let depth = (f64::from(farthest) - camera.near()).max(0.0);
         let is_corrected = settings.baseline != Some(Baseline::UncorrectedShares);
+        let thickness = (thickness * sigma).max(depth / f64::from(LAST_SLAB));
+        let opacities_are_whole = scene.has_opacities() && scene.has_extinctions();
         Ok(Self::Slabs(Slabs {
             lens: Lens::new(camera, settings.low_pass),
-            near: camera.near(),
-            thickness: (thickness * sigma).max(depth / f64::from(LAST_SLAB)),
+            near: camera.near() - if opacities_are_whole { thickness } else { 0.0 },
+            thickness,
             added: if is_corrected { 1.0 / 6.0 } else { 0.0 },
             level: LEVEL * settings.tolerance as f32,
-            opacities_are_whole: scene.has_opacities() && scene.has_extinctions(),
+            opacities_are_whole,
         }))
     }
 
@@ -237,26 +240,31 @@ impl Closing {
         )
     }
 
-    /// The slab in which a kernel lies that is composited whole, first and last; the fraction is the part of it before the kernel.
+    /// Where among slabs a kernel is composited whole: the number of a slab, and as a fraction the part of it before the kernel. The first slab
+    /// has all that lies before the near plane, however far, and nothing that is spread.
     #[inline(always)]
-    pub(crate) fn places<S: Simd, F: Floats<S>>(&self, simd: S, distance: F) -> [F; 2] {
-        let Self::Slabs(slabs) = self else { return [F::simd_from(simd, 0.0); 2] };
+    pub(crate) fn center_among_slabs<S: Simd, F: Floats<S>>(&self, simd: S, distance: F) -> F {
+        let [zero, one, last] = [0.0, 1.0, LAST_SLAB as f32].each(
+            #[inline(always)]
+            |number| F::simd_from(simd, number),
+        );
+        let Self::Slabs(slabs) = self else { return zero };
         let place = (distance - slabs.near as f32) * (1.0 / slabs.thickness) as f32;
-        [place.max(F::simd_from(simd, 0.0)).min(F::simd_from(simd, LAST_SLAB as f32)); 2]
+        place.simd_ge(one).select(place.min(last), one / ((one - place).max(zero) + one))
     }
 
-    /// As [`Self::numbers`], or [`Self::places`], of one kernel.
-    pub(crate) fn numbers_of_one(
-        &self,
-        is_whole: bool,
-        center: Vec3,
-        [distance, sigma, reach]: [f64; 3],
-    ) -> [f32; 2] {
+    /// As [`Self::center_among_slabs`], of one kernel.
+    pub(crate) fn center_of_one(&self, distance: f32) -> f32 {
+        dispatch!(Level::Baseline, simd => {
+            let distance: V<_> = splat(simd, distance);
+            self.center_among_slabs(simd, distance).reduce_max()
+        })
+    }
+
+    /// As [`Self::numbers`], of one kernel.
+    pub(crate) fn numbers_of_one(&self, center: Vec3, [distance, sigma, reach]: [f64; 3]) -> [f32; 2] {
         dispatch!(Level::Baseline, simd => {
             let [distance, sigma, reach] = [distance, sigma, reach].map(|x| splat(simd, x as f32));
-            if is_whole {
-                return self.places(simd, distance).map(|place| place.reduce_max());
-            }
             let center = center.to_array().map(|x| splat(simd, x));
             self.numbers(simd, center, (distance, sigma, reach)).map(|number| number.reduce_max())
         })
@@ -487,7 +495,7 @@ mod tests {
         let Closing::Slabs(slabs) = &closing else { unreachable!() };
         for i in 0..400 {
             let (distance, sigma) = (1.0 + 0.011 * f64::from(i), 0.02 + 0.004 * f64::from(i));
-            let [first, last] = closing.numbers_of_one(false, Vec3::ZERO, [distance, sigma, 0.0]);
+            let [first, last] = closing.numbers_of_one(Vec3::ZERO, [distance, sigma, 0.0]);
             assert!(first <= last && first.fract() == 0.0 && last.fract() == 0.0);
             let before = share(slabs, sigma as f32, slabs.begin(first as u32) - distance as f32);
             let until = share(slabs, sigma as f32, slabs.begin(last as u32 + 1) - distance as f32);

@@ -13,7 +13,7 @@ const DROPPED: u32 = 3;
 /// 2²³, which holds whole numbers in its lowest bits.
 const HOLDER: f32 = 8_388_608.0;
 
-/// Places between whole numbers are told apart no finer than single precision does.
+/// Fractions are told apart no finer than single precision does.
 const LEAST_STEP: f32 = 1.0 / (1 << 20) as f32;
 
 /// Entries that a thread copies in one go, at least.
@@ -59,12 +59,17 @@ impl Keys {
     /// Whole numbers below 2²² as they are.
     pub(crate) const OF_NUMBERS: Self = Self { offset: HOLDER, least: HOLDER.to_bits(), dropped: 0 };
 
-    /// Numbers below 2²² with as much of what lies between them as there is room for.
-    pub(crate) fn of_places(runs: &[Run]) -> Self {
+    /// Numbers below 2²² and as much of their fractions as there is room for.
+    pub(crate) fn of_fractions(runs: &[Run]) -> Self {
         let farthest = runs.iter().map(|run| run.distances[1]).fold(0.0, f32::max);
-        let step = (farthest / ((1 << (2 * DIGIT)) - 4) as f32).max(f32::MIN_POSITIVE).log2().ceil().exp2();
-        let holder = step.clamp(LEAST_STEP, 1.0) * HOLDER;
-        Self { offset: holder, least: holder.to_bits(), dropped: 0 }
+        let step = (farthest / ((1 << (2 * DIGIT)) - 4) as f32).max(LEAST_STEP).log2().ceil().exp2();
+        Self::in_steps(step.min(1.0), 0.0)
+    }
+
+    /// Multiples of a power of two from an even one on.
+    fn in_steps(step: f32, nearest: f32) -> Self {
+        let offset = step * (HOLDER - 2.0 * (0.5 * nearest / step).floor());
+        Self { offset, least: (step * HOLDER).to_bits(), dropped: 0 }
     }
 
     /// Distances of any range, in steps of `alike` at most, if that is not 0 and so many steps have numbers.
@@ -74,9 +79,8 @@ impl Keys {
             (ends(0).fold(f32::INFINITY, f32::min), ends(1).fold(f32::NEG_INFINITY, f32::max));
         let step = alike.log2().floor().exp2();
         if step > 0.0 && farthest - nearest < step * ((1 << (2 * DIGIT)) - 4) as f32 {
-            // From an even multiple of a step: what is rounded to which doesn't go by what else there is.
-            let offset = step * (HOLDER - 2.0 * (0.5 * nearest / step).floor());
-            return Self { offset, least: (step * HOLDER).to_bits(), dropped: 0 };
+            // What is rounded to which doesn't go by what else there is.
+            return Self::in_steps(step, nearest);
         }
         let offset = if nearest > 0.0 { 0.0 } else { farthest - 2.0 * nearest };
         // What is so near that it would cost the rest precision is equally near.
@@ -238,19 +242,19 @@ mod tests {
     }
 
     #[test]
-    fn places_come_between_the_whole_numbers_around_them() {
+    fn fractions_come_between_the_whole_numbers_around_them() {
         for farthest in [0.7, 13.5, 150.0, 4e4, 3e6, 4_194_303.0_f32] {
             let mut run = Run::new(0);
             run.include([0.0, farthest]);
-            let keys = Keys::of_places(&[run]);
+            let keys = Keys::of_fractions(&[run]);
             for number in [0.0, 1.0, 7.0, 149.0, 4_194_302.0].into_iter().filter(|n| n + 1.0 <= farthest) {
                 let places = [0.0, 0.25, 0.5, 0.75, 1.0].map(|part| keys.key(number + part));
                 assert!(places.is_sorted() && places[0] < places[4], "{number} of {farthest}: {places:?}");
-                // A two millionth of all is enough.
-                let are_apart = farthest > 5e5 || places.is_sorted_by(|a, b| a < b);
-                assert!(are_apart, "{number} of {farthest}: {places:?}");
+                // A two millionth of all, or a slab, is told apart.
+                let steps = f64::from(places[4] - places[0]);
+                let least = (4_194_300.0 / 2.0 / f64::from(farthest)).clamp(1.0, 1e6);
+                assert!(steps >= least, "{number} of {farthest}: {steps}");
             }
-            assert!(farthest > 1.0 || keys.key(0.5) < keys.key(0.5 + 2e-6), "{farthest}");
             assert!(keys.key(farthest) < 1 << (2 * DIGIT), "{farthest}");
         }
     }

@@ -426,7 +426,7 @@ impl Drawn {
             &self.order
         };
         let keys = match closing {
-            _ if closing.is_mixed() => Keys::of_places(runs),
+            _ if closing.is_mixed() => Keys::of_fractions(runs),
             _ if closing.has_slabs() => Keys::OF_NUMBERS,
             _ => Keys::of(runs, closing.alike()),
         };

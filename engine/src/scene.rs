@@ -24,7 +24,7 @@ impl Scene {
 
     /// Whether there are kernels with opacities, which are composited at their centres by definition.
     pub(crate) fn has_opacities(&self) -> bool {
-        self.clouds.iter().any(|cloud| matches!(cloud.columns().kind, Kind::Opacity(_)))
+        self.clouds.iter().any(|cloud| matches!(cloud.columns().kind, Kind::Opacity(_)) && !cloud.is_empty())
     }
 
     /// Whether there are kernels with extinctions, which are spread along rays.

@@ -229,7 +229,7 @@ fn opacities_end(settings: &RenderSettings) -> f64 {
 
 /// Settings with the ends that the scene's kernels may have, from the nearest to the farthest.
 fn ends(scene: &Scene, settings: &RenderSettings) -> Vec<RenderSettings> {
-    let has_extinctions = scene.clouds.iter().any(|cloud| matches!(cloud.columns().kind, Kind::Extinction));
+    let has_extinctions = scene.has_extinctions();
     let mut ends = Vec::new();
     if has_extinctions {
         let is_left_open = settings.cutoff == RenderSettings::default().cutoff;

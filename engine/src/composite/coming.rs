@@ -68,11 +68,12 @@ impl Coming {
         let mut ahead = ahead[..records.len()].iter();
         records.clear();
         while records.len() < BATCH {
-            let next =
-                ahead.as_slice().first().map(|(record, slabs)| (*record, slabs.map(|slab| slab as u32)));
-            let piece = pieces.pop_front_if(|piece| next.is_none_or(|(_, slabs)| piece.first <= slabs[0]));
-            let (record, [first, mut last]) = match (&piece, next) {
-                (Some(piece), _) => (piece.record, [piece.first, slabs_of(piece.record)[1] as u32]),
+            let next = ahead.as_slice().first().copied();
+            // Before what is composited at a centre in their first slab.
+            let is_next = |piece: &mut Piece| next.is_none_or(|(_, slabs)| piece.first <= slabs[0] as u32);
+            let piece = pieces.pop_front_if(is_next);
+            let (record, ends_of) = match (&piece, next) {
+                (Some(piece), _) => (piece.record, [piece.first as f32, slabs_of(piece.record)[1]]),
                 (None, Some(next)) => {
                     list.next();
                     ahead.next();
@@ -80,12 +81,13 @@ impl Coming {
                 }
                 (None, None) => break,
             };
+            let [first, mut last] = ends_of.map(|slab| slab as u32);
             let ends = last - first < MOST_OPEN;
             if !ends {
                 pieces.push_back(Piece { record, first: first + MOST_OPEN });
                 last = first + MOST_OPEN - 1;
             }
-            slabs.set(records.len(), [first, last], [piece.is_none(), ends]);
+            slabs.set(records.len(), ends_of[0], [first, last], [piece.is_none(), ends]);
             records.push(record);
         }
         !records.is_empty()

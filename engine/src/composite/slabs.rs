@@ -2,6 +2,8 @@
 //!
 //! The first three open slabs are in registers, those behind them in memory. Where registers are fewer and narrower, level kernels and boxes
 //! are added there, all others in memory: the first three slabs are sums of both.
+//!
+//! Opacities beside extinctions aren't spread. What lies in a slab before the centre of one is closed, and the rest stays open.
 
 use super::before;
 use super::opening::{Fragment, Opening, Plain};
@@ -58,7 +60,7 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
         let Closing::Slabs(slabs) = closing else {
             return self.add_to_sheets::<DEPTH>(simd, plain, open);
         };
-        let SlabColumns { narrow, whole, .. } = plain.kernels.slabs;
+        let SlabColumns { narrow, at_centers, .. } = plain.kernels.slabs;
         let [level, level_in_three] = plain.kernels.slabs.level;
         let mut rest = plain.set;
         while rest != 0 {
@@ -71,12 +73,12 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
             let set = before(rest, rest & !level_in_three);
             self.add_level::<DEPTH, true>(simd, Plain { set, ..plain }, slabs, open);
             rest ^= set;
-            let set = before(rest, rest & (narrow | level_in_three | whole));
+            let set = before(rest, rest & (narrow | level_in_three | at_centers));
             rest ^= set;
             self.add_wide::<DEPTH>(simd, Plain { set, ..plain }, slabs, open);
-            let set = before(rest, rest & !whole);
+            let set = before(rest, rest & !at_centers);
             rest ^= set;
-            self.add_whole::<DEPTH>(simd, Plain { set, ..plain }, slabs, open);
+            self.add_at_centers::<DEPTH>(simd, Plain { set, ..plain }, slabs, open);
         }
     }
 
@@ -97,8 +99,8 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
             self.end = self.end.max(first + 1);
             return;
         };
-        if kernels.slabs.whole >> number & 1 != 0 {
-            self.close_until::<DEPTH>(simd, kernels.slabs.place(number, slabs), slabs, open);
+        if kernels.slabs.at_centers >> number & 1 != 0 {
+            self.close_until::<DEPTH>(simd, kernels.slabs.center(number), slabs, open);
             self.show::<DEPTH>(simd, [fragment.alpha, fragment.depth_inside()], fragment.color);
             return;
         }
@@ -171,11 +173,10 @@ impl<S: Simd> Slabbed<S> {
         open: &mut OpenSlabs,
     ) {
         self.close_before::<DEPTH>(simd, slab, slabs.thickness(), open);
-        // Rounding may put a place into the slab after it, where nothing is closed.
+        // Rounded keys may put it behind what comes first in the next slab.
         if slab < self.first || self.first >= self.end || part <= self.closed {
             return;
         }
-        let part = part.min(1.0);
         let share = (part - self.closed) / (1.0 - self.closed);
         self.closed = part;
         if !holds_sixteen::<S>() {
@@ -189,7 +190,7 @@ impl<S: Simd> Slabbed<S> {
 
     /// Adds plain kernels that are composited whole, at their centres.
     #[inline(always)]
-    fn add_whole<const DEPTH: bool>(
+    fn add_at_centers<const DEPTH: bool>(
         &mut self,
         simd: S,
         mut plain: Plain<S>,
@@ -198,7 +199,7 @@ impl<S: Simd> Slabbed<S> {
     ) {
         let kernels = plain.kernels;
         while let Some(number) = plain.next() {
-            self.close_until::<DEPTH>(simd, kernels.slabs.place(number, slabs), slabs, open);
+            self.close_until::<DEPTH>(simd, kernels.slabs.center(number), slabs, open);
             let alpha_and_depth = plain.alpha_and_depth::<DEPTH>(simd, number);
             self.show::<DEPTH>(simd, alpha_and_depth, kernels.color(number));
         }

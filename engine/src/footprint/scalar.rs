@@ -220,8 +220,11 @@ impl<'a> Projector<'a> {
             let [x, y, z] = [splat.factor.x_axis, splat.factor.y_axis, splat.factor.z_axis];
             let trace = x.length_squared() + y.length_squared() + z.length_squared() + filter.powi(2);
             let along = [f64::from(distance), footprint.sigma_z * ray.length(), (cutoff * trace).sqrt()];
-            let is_whole = closing.takes_whole(&splats.kind);
-            record.amplitude_slope_or_slabs = closing.numbers_of_one(is_whole, splat.center.as_vec3(), along);
+            record.amplitude_slope_or_slabs = if closing.takes_whole(&splats.kind) {
+                [closing.center_of_one(distance); 2]
+            } else {
+                closing.numbers_of_one(splat.center.as_vec3(), along)
+            };
             distance = record.amplitude_slope_or_slabs[0];
         }
         if settings.color_by_form {
@@ -260,6 +263,7 @@ impl<'a> Projector<'a> {
     fn slope_error(&self, footprint: &Footprint) -> f64 {
         match &self.view.closing {
             _ if matches!(self.columns.kind, columns::Kind::Surface(_)) => 0.0,
+            closing if closing.takes_whole(&self.columns.kind) => 0.0,
             Closing::Centers { .. } | Closing::Sheets(_) => 0.0,
             Closing::PerPixel => f64::INFINITY,
             Closing::Slabs(slabs) => {

@@ -186,7 +186,7 @@ impl Kernels {
         self.is_thick = self.opacities == 0 && !lens.is_taylor && !lens.closing.has_slabs() && are_many;
         self.plain = if self.is_thick { u64::MAX } else { self.thin };
         if let Closing::Slabs(slabs) = &lens.closing {
-            self.slabs.whole = if lens.closing.is_mixed() { self.opacities } else { 0 };
+            self.slabs.at_centers = if lens.closing.is_mixed() { self.opacities } else { 0 };
             for first in self.outlines.sixteens() {
                 self.prepare_slabs(simd, (tile, slabs), first);
             }

@@ -26,8 +26,10 @@ pub(crate) struct SlabColumns {
     pub(crate) narrow: u64,
     /// Whole records that touch three slabs.
     in_three: u64,
-    /// Those that are composited whole, at their centres.
-    pub(crate) whole: u64,
+    /// Those that are composited at their centres.
+    pub(crate) at_centers: u64,
+    /// See [`Closing::center_among_slabs`](crate::closing::Closing::center_among_slabs), of these.
+    center: Column,
     /// Those of optical depths that touch two slabs, and three, of which all pixels see the same shares.
     pub(crate) level: [u64; 2],
     /// What these have in their slabs where w = e^{−r/2} is 1.
@@ -69,7 +71,8 @@ impl SlabColumns {
         normal_part: [0.0; BATCH],
         narrow: 0,
         in_three: 0,
-        whole: 0,
+        at_centers: 0,
+        center: [0.0; BATCH],
         level: [0; 2],
         in_slabs: [Heap::NONE; 3],
         begin: 0,
@@ -91,6 +94,7 @@ impl SlabColumns {
             narrow |= reach.simd_le(one).to_bitmask() << start;
             in_three |= reach.simd_eq(two).to_bitmask() << start;
             wide |= reach.simd_ge(most).to_bitmask();
+            first.store_slice(&mut self.center[start..start + 16]);
             first.to_int::<u32x16<S>>().store_slice(&mut self.first[start..start + 16]);
             last.to_int::<u32x16<S>>().store_slice(&mut self.last[start..start + 16]);
         }
@@ -98,10 +102,17 @@ impl SlabColumns {
         wide == 0
     }
 
-    /// Takes in a piece of a record that reaches from its first to its last slab.
+    /// Takes in a piece of a record that reaches from its first to its last slab, or one that is composited at its centre.
     #[inline(always)]
-    pub(crate) fn set(&mut self, number: usize, [first, last]: [u32; 2], [begin, end]: [bool; 2]) {
+    pub(crate) fn set(
+        &mut self,
+        number: usize,
+        center: f32,
+        [first, last]: [u32; 2],
+        [begin, end]: [bool; 2],
+    ) {
         let number = number % BATCH;
+        self.center[number] = center;
         let is_whole = begin && end;
         let put = |set: u64, is_in: bool| set & !(1 << number) | u64::from(is_in) << number;
         self.narrow = put(self.narrow, is_whole && last <= first + 1);
@@ -122,11 +133,11 @@ impl SlabColumns {
         }
     }
 
-    /// The slab in which a record is composited whole, and the part of it before the record.
+    /// The slab in which the centre of a record lies, and the part of that before it, below 1.
     #[inline(always)]
-    pub(crate) fn place(&self, number: usize, slabs: &Slabs) -> (u32, f32) {
-        let first = self.first[number];
-        (first, (self.distance[number] - slabs.begin(first)) / slabs.thickness())
+    pub(crate) fn center(&self, number: usize) -> (u32, f32) {
+        let slab = self.first[number];
+        (slab, self.center[number] - slab as f32)
     }
 
     /// See [`Spread`].
@@ -182,7 +193,7 @@ impl Kernels {
             half: halves,
             normal_part: normal_parts,
             narrow,
-            whole,
+            at_centers,
             ..
         } = &mut self.slabs;
         center.store_slice(&mut distance[range.clone()]);
@@ -194,7 +205,7 @@ impl Kernels {
         inverse.store_slice(&mut inverses[range.clone()]);
         half.store_slice(&mut halves[range]);
         let wider = normal_part.simd_gt(W::simd_from(simd, 0.0)).to_bitmask();
-        *narrow &= !(wider << first | *whole);
+        *narrow &= !(wider << first | *at_centers);
         // The change over a σ of the footprint, as in `prepare`.
         let [a, b, c] = sixteen_of(simd, &outlines.root, first);
         let x = slope[0] * reciprocal(simd, a);

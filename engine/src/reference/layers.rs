@@ -51,6 +51,18 @@ pub(super) struct Layer<'a> {
     pub(super) material: &'a Material,
 }
 
+/// The depths that layers divide a ray into, from the nearest on, each with the layer behind it.
+pub(super) fn segments<'a>(
+    layers: impl Iterator<Item = Layer<'a>>,
+    near: f64,
+) -> impl Iterator<Item = ([f64; 2], Option<Layer<'a>>)> {
+    let mut from = near;
+    layers.map(Some).chain([None]).map(move |layer| {
+        let to = layer.as_ref().map_or(f64::INFINITY, |layer| layer.z);
+        ([std::mem::replace(&mut from, to), to], layer)
+    })
+}
+
 /// Yields the layers of the samples, front to back. A sample spans the depths between itself and its plane. A
 /// layer's first sample is the nearest (equal depths: the lowest id); it takes each sample whose span begins
 /// within the first one's tolerance plus three of the sample's own σ behind the end of the first one's span, or, where that is of a surfel

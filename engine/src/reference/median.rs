@@ -1,7 +1,7 @@
 //! What lies in the middle of all that is seen along a ray.
 
 use super::integral::{Fragment, NormalDistribution, OPAQUE, REACH};
-use super::layers::{Layer, layers};
+use super::layers::{Layer, layers, segments};
 use super::splats::{Kernel, Setup, Splat};
 use super::trace::Whole;
 use super::view::Ray;
@@ -77,19 +77,16 @@ impl<'a> Median<'a> {
 
     /// Surface layers, and what is composited whole between them, from near to far.
     fn sheets<'b>(&self, layers: impl Iterator<Item = Layer<'b>>, whole: &[Whole]) -> Vec<Sheet> {
-        let (mut sheets, mut from) = (Vec::new(), self.setup.view.near);
-        for layer in layers.map(Some).chain([None]) {
-            let to = layer.as_ref().map_or(f64::INFINITY, |layer| layer.z);
-            sheets.extend(whole.iter().map(|kernel| Sheet {
-                z: kernel.at.max(from).min(to),
-                left: (-kernel.between(&self.normal, [from, to])).exp(),
-                id: kernel.id,
-                seen_at: kernel.fragment.z.max(from).min(to),
+        let mut sheets = Vec::new();
+        for ([from, to], layer) in segments(layers, self.setup.view.near) {
+            sheets.extend(whole.iter().filter_map(|kernel| {
+                let left = (-kernel.between(&self.normal, [from, to])).exp();
+                let [z, seen_at] = [kernel.at, kernel.fragment.z].map(|z| z.max(from).min(to));
+                (left < 1.0).then_some(Sheet { z, left, id: kernel.id, seen_at })
             }));
             let sheet =
                 |layer: Layer<'_>| Sheet { z: to, left: 1.0 - layer.alpha, id: layer.id, seen_at: to };
             sheets.extend(layer.map(sheet));
-            from = to;
         }
         sheets
     }

@@ -128,13 +128,13 @@ impl<'a> Setup<'a> {
             });
             count += cloud.len();
         }
-        let is_slabs = matches!(settings.order, Order::Slabs { .. });
+        let spreads = matches!(settings.order, Order::Slabs { .. } | Order::AxisSheets { .. });
         Self {
             view: View::new(camera),
             lighting: Lighting::new(scene, world_to_camera),
             settings,
             low_pass,
-            opacities_are_whole: scene.has_extinctions() || !is_slabs,
+            opacities_are_whole: scene.has_extinctions() || !spreads,
             clouds,
         }
     }

@@ -1,7 +1,7 @@
 //! One ray through a block's splats.
 
 use super::integral::{Fragment, March, NormalDistribution, OPAQUE, STEPS_PER_SIGMA};
-use super::layers::{Layer, Sample, layers};
+use super::layers::{Layer, Sample, layers, segments};
 use super::shading::Spot;
 use super::splats::{Kernel, Setup, Splat, Surfel};
 use super::stochastic::Chance;
@@ -54,6 +54,8 @@ pub(super) struct Tracer<'s, 'a> {
     kernels: Vec<Kernel>,
     /// Those that are composited at their centres, from near to far.
     whole: Vec<Kernel>,
+    /// Of these, those that the ray meets.
+    met: Vec<Whole>,
     samples: Vec<Sample<'a>>,
     fragments: Vec<Fragment>,
 }
@@ -94,7 +96,8 @@ impl<'s, 'a> Tracer<'s, 'a> {
             }
         }
         whole.sort_by(|a, b| a.distance.total_cmp(&b.distance).then(a.id.cmp(&b.id)));
-        Self { setup, normal, surfels, kernels, whole, samples: Vec::new(), fragments: Vec::new() }
+        let (met, samples, fragments) = Default::default();
+        Self { setup, normal, surfels, kernels, whole, met, samples, fragments }
     }
 
     /// What is seen along a ray, and its first surface.
@@ -103,13 +106,13 @@ impl<'s, 'a> Tracer<'s, 'a> {
         self.fragments.clear();
         self.fragments.extend(self.kernels.iter().filter_map(|k| k.fragment(ray)));
         self.take_samples(ray);
-        let whole: Vec<Whole> = self.whole.iter().filter_map(|kernel| Whole::of(kernel, ray)).collect();
+        self.met.clear();
+        self.met.extend(self.whole.iter().filter_map(|kernel| Whole::of(kernel, ray)));
         let mut path = Path::new();
         let mut march = March::new(self.normal, &mut self.fragments, near, STEPS_PER_SIGMA);
-        let (mut first, mut from) = (None, near);
-        for layer in layers(&mut self.samples).map(Some).chain([None]) {
-            let to = layer.as_ref().map_or(f64::INFINITY, |layer| layer.z);
-            for kernel in &whole {
+        let mut first = None;
+        for ([from, to], layer) in segments(layers(&mut self.samples), near) {
+            for kernel in &self.met {
                 let alpha = -(-kernel.between(self.normal, [from, to])).exp_m1();
                 if alpha > 0.0 {
                     march.advance(kernel.at.max(from).min(to), &mut path);
@@ -123,7 +126,6 @@ impl<'s, 'a> Tracer<'s, 'a> {
             if path.transmittance <= OPAQUE {
                 break;
             }
-            from = to;
         }
         (path, first)
     }
@@ -134,20 +136,20 @@ impl<'s, 'a> Tracer<'s, 'a> {
         let (setup, near) = (self.setup, self.setup.view.near);
         let spread = self.kernels.iter().filter_map(|kernel| kernel.fragment(ray));
         let mut chances: Vec<Chance> = spread.map(|fragment| Chance::of_kernel(&fragment, near)).collect();
-        let whole: Vec<Whole> = self.whole.iter().filter_map(|kernel| Whole::of(kernel, ray)).collect();
-        let (mut cuts, mut from) = (Vec::new(), near);
-        for layer in layers(&mut self.samples).map(Some).chain([None]) {
-            let to = layer.as_ref().map_or(f64::INFINITY, |layer| layer.z);
+        self.met.clear();
+        self.met.extend(self.whole.iter().filter_map(|kernel| Whole::of(kernel, ray)));
+        let mut cuts = Vec::new();
+        for (ends, layer) in segments(layers(&mut self.samples), near) {
             let segment = cuts.len();
-            chances.extend(whole.iter().map(|kernel| {
-                let optical_depth = kernel.between(self.normal, [from, to]);
-                Chance::at((segment, kernel.at), optical_depth, kernel.fragment.color)
+            chances.extend(self.met.iter().filter_map(|kernel| {
+                let optical_depth = kernel.between(self.normal, ends);
+                let chance = Chance::at((segment, kernel.at), optical_depth, kernel.fragment.color);
+                (optical_depth > 0.0).then_some(chance)
             }));
             let Some(layer) = layer else { break };
             let optical_depth = -(-layer.alpha).ln_1p();
             chances.push(Chance::at((segment, f64::INFINITY), optical_depth, shaded(setup, &layer, ray)));
-            cuts.push(to);
-            from = to;
+            cuts.push(layer.z);
         }
         (chances, cuts)
     }

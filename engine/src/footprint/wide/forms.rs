@@ -111,6 +111,7 @@ impl WideProjector<'_> {
         let mut of_point = error + footprints.roundness_error(simd);
         match &self.scalar.view.closing {
             _ if matches!(self.scalar.columns.kind, columns::Kind::Surface(_)) => {}
+            closing if closing.takes_whole(&self.scalar.columns.kind) => {}
             Closing::Slabs(slabs) => {
                 let per_deviation = MEAN_DEVIATION as f32 / slabs.thickness();
                 of_point = along.variance.sqrt().mul_add(splat(simd, per_deviation), of_point);

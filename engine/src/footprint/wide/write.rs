@@ -101,13 +101,13 @@ impl WideProjector<'_> {
         }
     }
 
-    /// The slabs that kernels may touch, first and last, or the places of those that are composited whole.
+    /// The slabs that kernels may touch, first and last, or twice where among slabs those are that are composited whole.
     #[inline(always)]
     fn slabs<S: Simd>(&self, simd: S, placed: &Placed<S>, exact: M<S>, along: &Along<S>) -> [V<S>; 2] {
         let Along { distance, sigma, variance } = *along;
         let closing = &self.scalar.view.closing;
         if closing.takes_whole(&self.scalar.columns.kind) {
-            return closing.places(simd, distance);
+            return [closing.center_among_slabs(simd, distance); 2];
         }
         let variance = exact.select(sigma.mul_add(sigma, variance), variance);
         let reach = (variance * self.cutoff).sqrt();
