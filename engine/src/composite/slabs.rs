@@ -100,7 +100,11 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
             return;
         };
         if kernels.slabs.at_centers >> number & 1 != 0 {
-            self.close_until::<DEPTH>(simd, kernels.slabs.center(number), slabs, open);
+            let ends = fragment.segment.map(
+                #[inline(always)]
+                |segment| [segment.from * ray_length, segment.to * ray_length],
+            );
+            self.close_until::<DEPTH>(simd, (kernels.slabs.center(number), ends), slabs, open);
             self.show::<DEPTH>(simd, [fragment.alpha, fragment.depth_inside()], fragment.color);
             return;
         }
@@ -163,12 +167,13 @@ impl<S: Simd> Slabbed<S> {
         self.first = self.first.max(first);
     }
 
-    /// Closes slabs before a place in one of them, and of that one the part before the place: what is left of it is as even.
+    /// Closes slabs before a place in one of them, and of that one the part before the place: what is left of it is as even. Where a segment
+    /// begins or ends in the slab, all lies between.
     #[inline(always)]
     fn close_until<const DEPTH: bool>(
         &mut self,
         simd: S,
-        (slab, part): (u32, f32),
+        ((slab, part), segment): ((u32, f32), Option<[W<S>; 2]>),
         slabs: &Slabs,
         open: &mut OpenSlabs,
     ) {
@@ -177,14 +182,28 @@ impl<S: Simd> Slabbed<S> {
         if slab < self.first || self.first >= self.end || part <= self.closed {
             return;
         }
-        let share = (part - self.closed) / (1.0 - self.closed);
+        let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
+        let [mut from, mut to, mut end] = [self.closed, part, 1.0].each(
+            #[inline(always)]
+            |part| W::simd_from(simd, part),
+        );
+        if let Some(ends) = segment {
+            let per_length = 1.0 / slabs.thickness();
+            let [begins, ends] = ends.each(
+                #[inline(always)]
+                |distance| ((distance - slabs.begin(slab)) * per_length).max(zero).min(one),
+            );
+            (from, to, end) = (from.max(begins), to.max(begins).min(ends), ends);
+        }
+        // Where nothing is left of the segment it doesn't matter what is closed.
+        let share = ((to - from) / (end - from).max(W::simd_from(simd, 1e-6))).max(zero).min(one);
         self.closed = part;
         if !holds_sixteen::<S>() {
             self.near[0] = self.near[0].plus(open.slab(slab));
             *open.slab(slab) = Kept::ZERO;
         }
         let now = self.near[0].times(share);
-        self.near[0] = self.near[0].times(1.0 - share);
+        self.near[0] = self.near[0].times(one - share);
         now.close::<DEPTH>(simd, &mut self.seen, slabs.thickness());
     }
 
@@ -197,9 +216,13 @@ impl<S: Simd> Slabbed<S> {
         slabs: &Slabs,
         open: &mut OpenSlabs,
     ) {
-        let kernels = plain.kernels;
+        let Plain { kernels, ray_length, .. } = plain;
+        let ends = plain.segment.map(
+            #[inline(always)]
+            |segment| [segment.from * ray_length, segment.to * ray_length],
+        );
         while let Some(number) = plain.next() {
-            self.close_until::<DEPTH>(simd, kernels.slabs.center(number), slabs, open);
+            self.close_until::<DEPTH>(simd, (kernels.slabs.center(number), ends), slabs, open);
             let alpha_and_depth = plain.alpha_and_depth::<DEPTH>(simd, number);
             self.show::<DEPTH>(simd, alpha_and_depth, kernels.color(number));
         }

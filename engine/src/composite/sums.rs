@@ -125,7 +125,7 @@ impl<S: Simd> Sum<S> {
 
     /// A share of it.
     #[inline(always)]
-    pub(super) fn times(&self, share: f32) -> Self {
+    pub(super) fn times(&self, share: W<S>) -> Self {
         let color = self.color.each(
             #[inline(always)]
             |sum| sum * share,

@@ -73,7 +73,7 @@ fn trained_kernels_look_beside_others_as_they_do_alone() {
 }
 
 /// Slabs are closed up to where trained kernels are, as if what is in one were even. Of a volume before them that is off by at most δ²/8 of
-/// the slope of its extinction, which is steepest at its border, φ(0)/σ of it; where the near plane or a surface cuts it off in a slab, by δ/4 of the extinction.
+/// the slope of its extinction, which is steepest at its border, φ(0)/σ of it; also where a surface or the near plane cuts it off in a slab.
 #[test]
 fn volumes_around_trained_kernels_are_their_integral_in_thin_slabs() {
     let outside = DVec3::new(2.5, 2.0, -4.5);
@@ -93,10 +93,10 @@ fn volumes_around_trained_kernels_are_their_integral_in_thin_slabs() {
     let kernels = [vec![scene(true)], volume().to_vec()].concat();
     let cut = [kernels.clone(), vec![glass]].concat();
     for (name, camera) in &cameras {
-        for (what, clouds) in [("whole", &kernels), ("cut", &cut)] {
+        // Kernels that a surface cuts are within 1e-3 of their integral in any slabs.
+        for (what, clouds, rest) in [("whole", &kernels, 2e-4), ("cut", &cut, 1e-3)] {
             let expected = truth(clouds, camera, &nothing_but(SLABS));
             let places = smooth(&expected, clouds, camera);
-            let is_whole = what == "whole" && ["outside", "parallel"].contains(name);
             let mut before = f64::INFINITY;
             for thickness in [1.0, 0.5, 0.25] {
                 let settings = nothing_but(Order::Slabs { thickness });
@@ -104,11 +104,12 @@ fn volumes_around_trained_kernels_are_their_integral_in_thin_slabs() {
                 let found = found.max_error;
                 println!("{name}, {what}, slabs of {thickness}: {found:.1e}");
                 let steepest = 0.399 * EXTINCTION / SIGMA;
-                let of_steps = if is_whole { 0.0 } else { thickness * SIGMA / 4.0 * EXTINCTION };
-                let bound = (thickness * SIGMA).powi(2) / 8.0 * steepest + of_steps;
-                assert!(found <= bound, "{name}, {what}, slabs of {thickness}: {found}");
-                // Of second order, or of first; and what single precision and shares of cut kernels are off by.
-                let most = if is_whole { before / 3.0 + 2e-4 } else { before / 1.6 + 1e-3 };
+                let bound = (thickness * SIGMA).powi(2) / 8.0 * steepest;
+                assert!(
+                    found <= bound + rest,
+                    "{name}, {what}, slabs of {thickness}: {found} is not {bound}"
+                );
+                let most = before / 2.5 + rest;
                 assert!(found <= most, "{name}, {what}, slabs of {thickness}: {found} is not {most}");
                 before = found;
             }
