@@ -127,7 +127,7 @@ fn head(machine: &Machine) -> String {
          <p>oblate {version} on {threads} threads of {processor} ({instructions}; {system}): <code>{command}</code></p>\n\
          <p>Each scene is drawn in every way that has a meaning for it, in turns; times are medians of a whole picture, the quickest and the slowest \
          beside them. Errors are those of a channel, where white is 1, in the space in which the scene is blended. <b>R1</b> integrates the same \
-         filtered splats exactly along each pixel's ray (trained splats by themselves are defined by sorted centres: there it sorts them): it shows what order, overlap \
+         filtered splats exactly along each pixel's ray (trained splats are defined by sorted centres: it puts them there): it shows what order, overlap \
          and footprint cost. <b>R2</b> takes the splats as they are and many rays a pixel: it also shows the error of filtering each splat separately. In charts \
          both axes are logarithmic, and lower left is better; the dashed line at 1/255 is one step of an 8-bit picture. A way is among the best, on the grey line and in blue rows, \
          if no other is no worse in both time and error and better by a tenth in one. It is named in the chart, and its row is of a stronger blue, if that would still \

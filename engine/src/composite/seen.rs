@@ -154,6 +154,19 @@ impl<S: Simd> Seeing<S> {
         let is_half = self.opacity.simd_ge(self.half) & (self.opacity - shown).simd_lt(self.half);
         self.median = is_half.select(depth, self.median);
     }
+
+    /// Where it is known only in the end that half of the light is lost here, since what lies in nearer segments was still open, the median is
+    /// the mean.
+    #[inline(always)]
+    pub(super) fn place_missed(&mut self, simd: S) {
+        let is_missed =
+            self.opacity.simd_ge(self.half) & self.median.simd_eq(W::simd_from(simd, f32::INFINITY));
+        if is_missed.any_true() {
+            let mean = self.depth / self.opacity.max(W::simd_from(simd, 1e-30));
+            let is_seen = self.opacity.simd_gt(W::simd_from(simd, 0.0));
+            self.median = (is_missed & is_seen).select(mean, self.median);
+        }
+    }
 }
 
 /// What is seen through the segments of a block so far; only where depth is asked for.

@@ -99,19 +99,15 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
             self.end = self.end.max(first + 1);
             return;
         };
-        if kernels.slabs.at_centers >> number & 1 != 0 {
-            let ends = fragment.segment.map(
-                #[inline(always)]
-                |segment| [segment.from * ray_length, segment.to * ray_length],
-            );
-            self.close_until::<DEPTH>(simd, (kernels.slabs.center(number), ends), slabs, open);
-            self.show::<DEPTH>(simd, [fragment.alpha, fragment.depth_inside()], fragment.color);
-            return;
-        }
         let segment = fragment.segment.map(
             #[inline(always)]
             |segment| [segment.from * ray_length, segment.to * ray_length],
         );
+        if kernels.slabs.at_centers >> number & 1 != 0 {
+            self.close_until::<DEPTH>(simd, (kernels.slabs.center(number), segment), slabs, open);
+            self.show::<DEPTH>(simd, [fragment.alpha, fragment.depth_inside()], fragment.color);
+            return;
+        }
         let inverse = kernels.inverse_spread(simd, number, (slabs, sigma_z * ray_length));
         let matter = Matter { optical_depth, depth, distance, inverse, segment };
         if kernels.slabs.narrow >> number & 1 != 0 {
@@ -129,6 +125,9 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
     #[inline(always)]
     fn finish<const DEPTH: bool>(&mut self, simd: S, closing: &Closing, open: &mut OpenSlabs) {
         self.close_before::<DEPTH>(simd, u32::MAX, closing.thickness(), open);
+        if DEPTH {
+            self.seen.place_missed(simd);
+        }
         // Ready for the next tile.
         (self.first, self.end, self.closed) = (0, 0, 0.0);
     }
@@ -217,12 +216,12 @@ impl<S: Simd> Slabbed<S> {
         open: &mut OpenSlabs,
     ) {
         let Plain { kernels, ray_length, .. } = plain;
-        let ends = plain.segment.map(
+        let segment = plain.segment.map(
             #[inline(always)]
             |segment| [segment.from * ray_length, segment.to * ray_length],
         );
         while let Some(number) = plain.next() {
-            self.close_until::<DEPTH>(simd, (kernels.slabs.center(number), ends), slabs, open);
+            self.close_until::<DEPTH>(simd, (kernels.slabs.center(number), segment), slabs, open);
             let alpha_and_depth = plain.alpha_and_depth::<DEPTH>(simd, number);
             self.show::<DEPTH>(simd, alpha_and_depth, kernels.color(number));
         }

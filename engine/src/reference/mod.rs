@@ -13,7 +13,7 @@
 //! [`stochastic`] estimates R1's picture by chance, without any order: where the two agree, neither sorts nor
 //! integrates wrongly.
 //!
-//! What they define:
+//! What they define (and whatever [`crate::Picker`] finds goes by it):
 //! * `Extinction` kernels act as far as 6σ and are not renormalised (e⁻¹⁸ is left out).
 //! * `Opacity` kernels are composited whole at the distances of their centres (ties by id), whatever else is in the scene: what lies
 //!   of other kernels before these is integrated before them. Of one that a surface goes through each side is whole. Where the settings

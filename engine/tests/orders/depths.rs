@@ -3,6 +3,7 @@
 use super::scenes::{camera, looking_from, smooth, sphere, surfels};
 use super::*;
 use oblate_engine::Pose;
+use oblate_engine::cloud::oblate_factor;
 
 const SPACING: f64 = 0.16;
 const SIGMA: f64 = 0.7 * SPACING;
@@ -153,6 +154,23 @@ fn medians_behind_a_translucent_layer_are_where_half_is_left() {
         println!("{order:?}: {found:.4?}");
         assert!(found[0] <= SIGMA, "{order:?}: {found:?}");
     }
+}
+
+/// What lies before the sheet may still be open when a trained kernel is put behind it, which shows as much as takes the rest to a half.
+#[test]
+fn medians_at_a_trained_kernel_behind_a_translucent_layer_in_fog() {
+    let factor = oblate_factor(Vec3::Z, 1.5, 30.0);
+    let strength = Strength::Opacity { peaks: vec![0.23], filter: OpacityFilter::Compensated };
+    let behind = splats(vec![Vec3::Z * 1.6], vec![factor], strength, vec![[0.9, 0.2, 0.1]]);
+    let clouds = [volume(0.11), sheet(0.2, 1.3), behind];
+    let r1 = truth(&clouds, &camera(6.0, 40), &ordered(SLABS));
+    let at_kernel = |i: &usize| (7.5..7.7).contains(&f64::from(r1.median_depth[*i]));
+    let places: Vec<usize> = (0..r1.color.len()).filter(at_kernel).collect();
+    assert!(places.len() > 50, "{}", places.len());
+    let frame = draw(clouds.to_vec(), &camera(6.0, 40), &ordered(SLABS));
+    let found = errors(&places, &frame.median_depth, &r1.median_depth);
+    println!("{found:.4?} at {} pixels", places.len());
+    assert!(found[0] <= SIGMA, "{found:?}");
 }
 
 #[test]
