@@ -40,19 +40,19 @@ impl Coming {
         &mut self,
         simd: S,
         list: &mut std::slice::Iter<AtomicU32>,
-        (all, closing): (&[Record], Closing),
+        (all, closing): (&[Record], &Closing),
         slabs: &mut SlabColumns,
     ) -> bool {
         let Self { records, pieces } = self;
         records.clear();
+        records.extend(list.as_slice().iter().take(BATCH).map(|entry| entry.load(Ordering::Relaxed)));
         if !closing.has_slabs() {
-            records.extend(list.by_ref().take(BATCH).map(|entry| entry.load(Ordering::Relaxed)));
+            *list = list.as_slice()[records.len()..].iter();
             return !records.is_empty();
         }
         // Records are not in the cache. The loop is so short that most are on their way at once; to round numbers there would make it
         // long.
         let slabs_of = |record: u32| all[record as usize].amplitude_slope_or_slabs;
-        records.extend(list.as_slice().iter().take(BATCH).map(|entry| entry.load(Ordering::Relaxed)));
         let mut ends = [[0.0; BATCH]; 2];
         for (place, record) in records.iter().enumerate() {
             [ends[0][place], ends[1][place]] = slabs_of(*record);
@@ -72,7 +72,7 @@ impl Coming {
             // Before what is composited at a centre in their first slab.
             let is_next = |piece: &mut Piece| next.is_none_or(|(_, slabs)| piece.first <= slabs[0] as u32);
             let piece = pieces.pop_front_if(is_next);
-            let (record, ends_of) = match (&piece, next) {
+            let (record, [first, mut last]) = match (&piece, next) {
                 (Some(piece), _) => (piece.record, [piece.first as f32, slabs_of(piece.record)[1]]),
                 (None, Some(next)) => {
                     list.next();
@@ -81,13 +81,13 @@ impl Coming {
                 }
                 (None, None) => break,
             };
-            let [first, mut last] = ends_of.map(|slab| slab as u32);
-            let ends = last - first < MOST_OPEN;
+            let first = first as u32;
+            let ends = last as u32 - first < MOST_OPEN;
             if !ends {
                 pieces.push_back(Piece { record, first: first + MOST_OPEN });
-                last = first + MOST_OPEN - 1;
+                last = (first + MOST_OPEN - 1) as f32;
             }
-            slabs.set(records.len(), ends_of[0], [first, last], [piece.is_none(), ends]);
+            slabs.set(records.len(), (first, last), [piece.is_none(), ends]);
             records.push(record);
         }
         !records.is_empty()

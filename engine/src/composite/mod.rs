@@ -146,7 +146,7 @@ impl Compositor<'_> {
                     simd,
                     #[inline(always)]
                     || {
-                        let all = (self.records, self.lens.closing);
+                        let all = (self.records, &self.lens.closing);
                         coming.gather(simd, &mut list, all, &mut batches[used].slabs)
                     },
                 )
@@ -319,7 +319,12 @@ impl Compositor<'_> {
         if O::CUTS_PLAIN {
             plain_here |= kernels.plain_media();
         }
-        let ray_length = kernels.plain_ray_lengths(simd, pixels, (here.tile, &self.lens));
+        let ray_length = if O::KEEPS_OPEN && self.lens.closing.is_mixed() {
+            // What is closed before a centre is told by distances.
+            self.lens.ray_lengths(simd, pixels, here.tile)
+        } else {
+            kernels.plain_ray_lengths(simd, pixels, (here.tile, &self.lens))
+        };
         loop {
             let set = before(todo, todo & !plain_here);
             let plain = Plain { kernels, set, corner, pixels, ray_length, segment: Some(segment) };

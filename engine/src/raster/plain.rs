@@ -93,7 +93,7 @@ impl Kernels {
         pixels: [W<S>; 2],
         (tile, lens): (Tile, &KernelLens),
     ) -> W<S> {
-        let is_asked_for = self.is_thick && self.outlines.exact != 0 || lens.closing.is_mixed();
+        let is_asked_for = self.is_thick && self.outlines.exact != 0;
         if is_asked_for { lens.ray_lengths(simd, pixels, tile) } else { W::simd_from(simd, 1.0) }
     }
 

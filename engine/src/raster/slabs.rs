@@ -10,9 +10,10 @@ use crate::tile::{HALF_BLOCK, Tile};
 /// The slabs of a batch of records, or of pieces of them.
 #[repr(C, align(64))]
 pub(crate) struct SlabColumns {
-    /// Slabs that may be touched.
+    /// Slabs that may be touched. The last is a whole number, but of records that are composited at their centres: see
+    /// [`Closing::center_among_slabs`](crate::closing::Closing::center_among_slabs).
     pub(crate) first: [u32; BATCH],
-    pub(crate) last: [u32; BATCH],
+    last: Column,
     /// See [`Distances`].
     distance: Column,
     slope: [Column; 2],
@@ -28,8 +29,6 @@ pub(crate) struct SlabColumns {
     in_three: u64,
     /// Those that are composited at their centres.
     pub(crate) at_centers: u64,
-    /// See [`Closing::center_among_slabs`](crate::closing::Closing::center_among_slabs), of these.
-    center: Column,
     /// Those of optical depths that touch two slabs, and three, of which all pixels see the same shares.
     pub(crate) level: [u64; 2],
     /// What these have in their slabs where w = e^{−r/2} is 1.
@@ -62,7 +61,7 @@ impl Heap {
 impl SlabColumns {
     pub(super) const NONE: Self = Self {
         first: [0; BATCH],
-        last: [0; BATCH],
+        last: [0.0; BATCH],
         distance: [0.0; BATCH],
         slope: [[0.0; BATCH]; 2],
         share_slope: [[0.0; BATCH]; 2],
@@ -72,7 +71,6 @@ impl SlabColumns {
         narrow: 0,
         in_three: 0,
         at_centers: 0,
-        center: [0.0; BATCH],
         level: [0; 2],
         in_slabs: [Heap::NONE; 3],
         begin: 0,
@@ -94,9 +92,8 @@ impl SlabColumns {
             narrow |= reach.simd_le(one).to_bitmask() << start;
             in_three |= reach.simd_eq(two).to_bitmask() << start;
             wide |= reach.simd_ge(most).to_bitmask();
-            first.store_slice(&mut self.center[start..start + 16]);
             first.to_int::<u32x16<S>>().store_slice(&mut self.first[start..start + 16]);
-            last.to_int::<u32x16<S>>().store_slice(&mut self.last[start..start + 16]);
+            last.store_slice(&mut self.last[start..start + 16]);
         }
         (self.narrow, self.in_three, self.begin, self.end) = (narrow, in_three, u64::MAX, u64::MAX);
         wide == 0
@@ -104,19 +101,12 @@ impl SlabColumns {
 
     /// Takes in a piece of a record that reaches from its first to its last slab, or one that is composited at its centre.
     #[inline(always)]
-    pub(crate) fn set(
-        &mut self,
-        number: usize,
-        center: f32,
-        [first, last]: [u32; 2],
-        [begin, end]: [bool; 2],
-    ) {
+    pub(crate) fn set(&mut self, number: usize, (first, last): (u32, f32), [begin, end]: [bool; 2]) {
         let number = number % BATCH;
-        self.center[number] = center;
-        let is_whole = begin && end;
+        let (is_whole, reach) = (begin && end, last as u32 - first);
         let put = |set: u64, is_in: bool| set & !(1 << number) | u64::from(is_in) << number;
-        self.narrow = put(self.narrow, is_whole && last <= first + 1);
-        self.in_three = put(self.in_three, is_whole && last == first + 2);
+        self.narrow = put(self.narrow, is_whole && reach <= 1);
+        self.in_three = put(self.in_three, is_whole && reach == 2);
         (self.first[number], self.last[number]) = (first, last);
         self.begin = put(self.begin, begin);
         self.end = put(self.end, end);
@@ -137,7 +127,7 @@ impl SlabColumns {
     #[inline(always)]
     pub(crate) fn center(&self, number: usize) -> (u32, f32) {
         let slab = self.first[number];
-        (slab, self.center[number] - slab as f32)
+        (slab, self.last[number] - slab as f32)
     }
 
     /// See [`Spread`].
@@ -336,7 +326,7 @@ impl Kernels {
     #[inline(always)]
     pub(crate) fn slabs_in(&self, number: usize, corner: [f32; 2], slabs: &Slabs) -> [u32; 2] {
         let SlabColumns { first, last, distance, slope, half, .. } = &self.slabs;
-        let (first, last) = (first[number], last[number]);
+        let (first, last) = (first[number], last[number] as u32);
         // A piece that another follows has all until its end: the other one has what is behind that.
         let goes_on = self.slabs.end >> number & 1 == 0;
         if self.outlines.is_exact(number) || goes_on {
