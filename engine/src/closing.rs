@@ -14,9 +14,10 @@ use crate::cloud::Cloud;
 use crate::columns::{Factors, Kind};
 use crate::cull::VisibleRange;
 use crate::footprint::Lens;
-use crate::scene::{Baseline, Order, RenderSettings, Scene};
+use crate::scene::{Baseline, Order, Scene};
 use crate::simd::*;
 use crate::validate::SceneError;
+use crate::view::SceneView;
 use glam::{DVec3, Vec3};
 
 /// A policy, with what it needs to know of a frame.
@@ -142,12 +143,8 @@ impl Closing {
     ///
     /// # Errors
     /// When sheets are asked for and the first cloud of kernels is no grid.
-    pub(crate) fn new(
-        scene: &Scene,
-        camera: &Camera,
-        settings: &RenderSettings,
-        visible: &[VisibleRange],
-    ) -> Result<Self, SceneError> {
+    pub(crate) fn new(view: SceneView, visible: &[VisibleRange]) -> Result<Self, SceneError> {
+        let SceneView { scene, camera, settings } = view;
         let mut volumes = scene.clouds.iter().filter(|cloud| !cloud.is_surface());
         let thickness = match settings.order {
             Order::Auto if !scene.has_extinctions() => return Ok(Self::Centers { alike: 0.0 }),
@@ -169,7 +166,7 @@ impl Closing {
         let thickness = (thickness * sigma).max(depth / f64::from(LAST_SLAB));
         let opacities_are_whole = scene.has_opacities() && scene.has_extinctions();
         Ok(Self::Slabs(Slabs {
-            lens: Lens::new(camera, settings.low_pass),
+            lens: view.lens(),
             near: camera.near() - if opacities_are_whole { thickness } else { 0.0 },
             thickness,
             added: if is_corrected { 1.0 / 6.0 } else { 0.0 },

@@ -10,8 +10,8 @@ use crate::columns::{CHILDREN, LANES};
 use crate::cone::Viewer;
 use crate::footprint::{CameraSplat, Lens};
 use crate::levels::{Level, allowance};
-use crate::scene::{RenderSettings, Scene};
 use crate::simd::{self, *};
+use crate::view::SceneView;
 use glam::{DAffine3, DMat3, DVec2, DVec3, DVec4, Vec3};
 use std::ops::Range;
 
@@ -191,9 +191,8 @@ impl Frustum {
 /// that are not drawn, on the levels of detail that the pixels' filter allows; `widening` lets them take it for wider than it
 /// is. Gives how many splats are outside.
 fn find_visible(
-    scene: &Scene,
-    camera: &Camera,
-    (settings, widening): (&RenderSettings, f64),
+    SceneView { scene, camera, settings }: SceneView,
+    widening: f64,
     visible: &mut Vec<VisibleRange>,
 ) -> u64 {
     visible.clear();
@@ -236,13 +235,9 @@ fn find_visible(
 
 /// Finds the clusters that may be visible; where there is a budget, with a filter so wide that no more splats are drawn than it
 /// allows. Gives how many splats lie outside the picture.
-pub(crate) fn find_affordable(
-    scene: &Scene,
-    camera: &Camera,
-    settings: &RenderSettings,
-    visible: &mut Vec<VisibleRange>,
-) -> u64 {
-    let culled = find_visible(scene, camera, (settings, 1.0), visible);
+pub(crate) fn find_affordable(view: SceneView, visible: &mut Vec<VisibleRange>) -> u64 {
+    let SceneView { scene, settings, .. } = view;
+    let culled = find_visible(view, 1.0, visible);
     let Some(budget) = settings.budget else { return culled };
     let has_levels =
         settings.level_of_detail > 0.0 && scene.clouds.iter().any(|cloud| cloud.levels().len() > 1);
@@ -257,17 +252,17 @@ pub(crate) fn find_affordable(
     let (mut too_narrow, mut wide_enough) = (0.0, 0.0);
     while count(visible) > budget && wide_enough < WIDEST {
         (too_narrow, wide_enough) = (wide_enough, wide_enough + 1.0);
-        find_visible(scene, camera, (settings, f64::exp2(wide_enough)), visible);
+        find_visible(view, f64::exp2(wide_enough), visible);
     }
     if wide_enough == 0.0 {
         return culled;
     }
     for _ in 0..BISECTIONS {
         let middle = 0.5 * (too_narrow + wide_enough);
-        find_visible(scene, camera, (settings, f64::exp2(middle)), visible);
+        find_visible(view, f64::exp2(middle), visible);
         if count(visible) > budget { too_narrow = middle } else { wide_enough = middle }
     }
-    find_visible(scene, camera, (settings, f64::exp2(wide_enough)), visible)
+    find_visible(view, f64::exp2(wide_enough), visible)
 }
 
 /// The widest filter that a budget may ask for, as a power of two, and how often it is halved to fit.

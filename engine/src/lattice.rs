@@ -8,15 +8,14 @@
 //! Eight pixels give the one in their middle by the polynomial through them. By how much the two outermost change it says how far off
 //! it may be: of a kernel alone up to six times as much, in 99.9 % of an engine's pixels up to twice.
 
-use crate::camera::{Camera, Projection};
+use crate::camera::Projection;
 use crate::composite::Runs;
 use crate::cull::{VisibleRange, touched_pixels};
-use crate::footprint::Lens;
 use crate::frame::Channels;
 use crate::grow::grow;
 use crate::pass::PerPass;
-use crate::scene::{RenderSettings, Scene};
 use crate::tile::{BLOCK_SIDE, MAX_SIDE, Tile};
+use crate::view::SceneView;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// From one drawn pixel to the next.
@@ -68,16 +67,11 @@ pub(crate) struct Lattice {
 
 impl Lattice {
     /// Begins a frame with tiles of a side; it is used where volumes are wide enough in the picture.
-    pub(crate) fn begin(
-        &mut self,
-        (scene, camera, settings): (&Scene, &Camera, &RenderSettings),
-        visible: &PerPass<Vec<VisibleRange>>,
-        side: usize,
-    ) {
+    pub(crate) fn begin(&mut self, view: SceneView, visible: &PerPass<Vec<VisibleRange>>, side: usize) {
         self.changed.clear();
-        self.is_used = is_worth_it((scene, camera, settings), visible);
+        self.is_used = is_worth_it(view, visible);
         if self.is_used {
-            self.size = camera.size().map(|length| (length as usize).div_ceil(STEP));
+            self.size = view.camera.size().map(|length| (length as usize).div_ceil(STEP));
             self.side = side;
             [self.columns, self.rows] = self.size.map(|length| length.div_ceil(side));
             let tiles = self.columns * self.rows;
@@ -207,10 +201,8 @@ impl Lattice {
     }
 }
 
-fn is_worth_it(
-    (scene, camera, settings): (&Scene, &Camera, &RenderSettings),
-    PerPass { surfaces, volumes }: &PerPass<Vec<VisibleRange>>,
-) -> bool {
+fn is_worth_it(view: SceneView, PerPass { surfaces, volumes }: &PerPass<Vec<VisibleRange>>) -> bool {
+    let SceneView { scene, camera, settings } = view;
     // Medians of depth are not smooth.
     let is_allowed =
         settings.interpolation && settings.tolerance > 0.0 && settings.channels == Channels::Color;
@@ -218,7 +210,7 @@ fn is_worth_it(
     if !is_allowed || !is_large || volumes.is_empty() {
         return false;
     }
-    let lens = Lens::new(camera, settings.low_pass);
+    let lens = view.lens();
     let is_wide = |range: &VisibleRange| {
         let sigma = scene.clouds[range.cloud].median_sigma(range.level).unwrap_or(0.0);
         let distance = match lens.projection {

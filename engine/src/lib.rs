@@ -51,6 +51,7 @@ pub mod simd;
 pub mod surfels;
 mod tile;
 pub mod validate;
+mod view;
 
 pub use camera::{Camera, CameraError, Intrinsics, Pose, Projection};
 pub use clip::HalfSpace;

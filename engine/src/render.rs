@@ -3,33 +3,32 @@
 //! most often not at all. Volumes that are wide in the picture are drawn at every second
 //! pixel first (`lattice`).
 
+mod drawn;
+mod picture;
 mod tiles;
 
-use crate::bin::TileLists;
 use crate::camera::Camera;
 use crate::closing::Closing;
-use crate::composite::{Compositor, lead};
 use crate::cull::{VisibleRange, find_affordable, touched_pixels};
 use crate::cuts::KeptCuts;
-use crate::footprint::{Lens, Part, Records, SceneView};
-use crate::frame::{BAND, Channels, Clear, Frame, FrameRows};
-use crate::grow::grow;
+use crate::footprint::SceneProjector;
+use crate::frame::{Clear, Frame};
 use crate::lattice::Lattice;
-use crate::layers::LayerBuilder;
 use crate::observer::{Counts, Observer, Stage};
 use crate::occlusion::{Occlusion, Visible};
-use crate::order::{Keys, Sorter};
+use crate::order::Sorter;
 use crate::pass::{Pass, PerPass};
-use crate::raster::{CloudSurface, KernelLens, Surfaces, SurfelLens, reach_to_cuts};
-use crate::resolve::Resolver;
-use crate::scene::{Baseline, RenderSettings, Scene};
+use crate::raster::CloudSurface;
+use crate::scene::{RenderSettings, Scene};
 use crate::shade::Shader;
 use crate::simd::Level;
-use crate::tile::{BLOCK_SIDE, Tile};
+use crate::tile::BLOCK_SIDE;
 use crate::validate::SceneError;
+use crate::view::SceneView;
+use drawn::Drawn;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
-use tiles::{Place, TileBuffers, TileDrawer};
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use tiles::TileBuffers;
 
 /// Draws a scene, on the threads of the current rayon pool; the picture does not depend on how many.
 ///
@@ -49,6 +48,14 @@ pub fn render(
 
 /// Tiles that what is seen is in at least, as far as tiles can be small.
 const LEAST_TILES: usize = 64;
+
+/// What the passes of a frame share.
+#[derive(Clone, Copy)]
+struct Shared<'a> {
+    view: SceneView<'a>,
+    closing: Closing,
+    observer: &'a dyn Observer,
+}
 
 /// Draws frame after frame, and keeps its buffers from one to the next.
 pub struct Renderer {
@@ -71,17 +78,6 @@ pub struct Renderer {
     counts: Vec<[AtomicU64; 2]>,
     frame: Frame,
     clear: Clear,
-}
-
-/// What is drawn in a pass: records and who needs them where.
-#[derive(Default)]
-struct Drawn {
-    records: Records,
-    /// For each run of records its range's place among the visible ones.
-    ranks: Vec<u32>,
-    /// Parts of octets, or distances, of which sorting makes the order, where more records may come.
-    order: Vec<AtomicU32>,
-    lists: TileLists,
 }
 
 impl Default for Renderer {
@@ -139,23 +135,25 @@ impl Renderer {
         let splats = scene.validate()?;
         // The colours of forms are shown as they are.
         let settings = &RenderSettings { shade: settings.shade && !settings.color_by_form, ..*settings };
-        let culled = watched(observer, Stage::Cull, || self.cull(scene, camera, settings));
+        let view = SceneView { scene, camera, settings };
+        let culled = watched(observer, Stage::Cull, || self.cull(view));
         if self.chooses_tiles {
             self.tile_side = self.choose_tile_side(camera);
         }
-        let closing = Closing::new(scene, camera, settings, &self.visible.volumes)?;
-        self.lattice.begin((scene, camera, settings), &self.visible, self.tile_side);
-        self.prepare(scene, camera, settings);
+        let closing = Closing::new(view, &self.visible.volumes)?;
+        let shared = Shared { view, closing, observer };
+        self.lattice.begin(view, &self.visible, self.tile_side);
+        self.prepare(view);
         let has_surfaces = !self.visible.surfaces.is_empty();
         if has_surfaces {
-            self.draw_pass(Pass::Surfaces, (scene, camera), (settings, closing), observer);
+            self.draw_pass(Pass::Surfaces, shared);
         }
         // The background alone is drawn as volumes are.
         if !has_surfaces || !self.visible.volumes.is_empty() {
-            self.draw_pass(Pass::Volumes, (scene, camera), (settings, closing), observer);
+            self.draw_pass(Pass::Volumes, shared);
         }
         let sum = |i: usize| self.counts.iter().map(|counts| counts[i].load(Relaxed)).sum();
-        let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
+        let visible = Visible { view, closing, ranges: &self.visible };
         let [surfaces, volumes] = Pass::BOTH.map(|pass| self.drawn[pass].records.forms());
         let drawn = self.drawn.iter().zip(self.visible.iter());
         observer.counts(Counts {
@@ -177,9 +175,9 @@ impl Renderer {
     }
 
     /// Finds what may be visible; gives how many splats lie outside the picture.
-    fn cull(&mut self, scene: &Scene, camera: &Camera, settings: &RenderSettings) -> u64 {
+    fn cull(&mut self, view: SceneView) -> u64 {
         let PerPass { surfaces, volumes } = &mut self.visible;
-        let culled = find_affordable(scene, camera, settings, volumes);
+        let culled = find_affordable(view, volumes);
         surfaces.clear();
         surfaces.extend(volumes.extract_if(.., |range| range.is_surface));
         // Near surfaces hide far ones: what comes first is drawn first.
@@ -195,7 +193,7 @@ impl Renderer {
     }
 
     /// Readies what the rounds of a frame share.
-    fn prepare(&mut self, scene: &Scene, camera: &Camera, settings: &RenderSettings) {
+    fn prepare(&mut self, SceneView { scene, camera, settings }: SceneView) {
         self.shaders.clear();
         self.shaders.extend(scene.clouds.iter().map(|cloud| Shader::new(scene, camera, cloud.material())));
         self.cloud_surfaces.clear();
@@ -212,37 +210,16 @@ impl Renderer {
         self.counts.resize_with(2 * tiles + self.lattice.tiles(), Default::default);
     }
 
-    /// Columns and rows of tiles.
-    fn tiles(&self, camera: &Camera) -> [usize; 2] {
-        camera.size().map(|length| (length as usize).div_ceil(self.tile_side))
-    }
-
     /// Draws surfaces, whose cuts are kept where there are volumes, or volumes; again where something was wrongly left out.
-    fn draw_pass(
-        &mut self,
-        pass: Pass,
-        (scene, camera): (&Scene, &Camera),
-        (settings, closing): (&RenderSettings, Closing),
-        observer: &dyn Observer,
-    ) {
-        let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
+    fn draw_pass(&mut self, pass: Pass, shared: Shared) {
+        let Shared { view, closing, observer } = shared;
+        let visible = Visible { view, closing, ranges: &self.visible };
         watched(observer, Stage::Cull, || self.occlusion.begin_pass(pass, visible));
         loop {
-            watched(observer, Stage::Footprint, || self.project(pass, (scene, camera), (settings, closing)));
-            let size = (camera.size(), self.tile_side);
-            match pass {
-                Pass::Surfaces => {
-                    self.drawn.surfaces.list_by_cluster(observer, size, &mut self.scratch);
-                }
-                Pass::Volumes => {
-                    let is_last = !self.occlusion.leaves_out(pass);
-                    let buffers = (&mut self.sorter, &mut self.scratch);
-                    let size = (size.0, self.lattice.listed_side(self.tile_side));
-                    self.drawn.volumes.list_by_distance((observer, closing, is_last), size, buffers);
-                }
-            }
-            self.draw(pass, camera, (settings, closing), observer);
-            let visible = Visible { scene, camera, settings, closing, ranges: &self.visible };
+            watched(observer, Stage::Footprint, || self.project(pass, shared));
+            self.list(pass, shared);
+            self.draw(pass, shared);
+            let visible = Visible { view, closing, ranges: &self.visible };
             let occlusion = &mut self.occlusion;
             if !watched(observer, Stage::Cull, || occlusion.find_missing(pass, visible)) {
                 break;
@@ -251,189 +228,29 @@ impl Renderer {
     }
 
     /// Projects what is new in a round.
-    fn project(
-        &mut self,
-        pass: Pass,
-        (scene, camera): (&Scene, &Camera),
-        (settings, closing): (&RenderSettings, Closing),
-    ) {
-        let hides = pass == Pass::Volumes && settings.occlusion && !self.visible.surfaces.is_empty();
+    fn project(&mut self, pass: Pass, Shared { view, closing, .. }: Shared) {
+        let hides = pass == Pass::Volumes && view.settings.occlusion && !self.visible.surfaces.is_empty();
         let looked = hides.then_some(self.occlusion.looked());
         let (shaders, level) = (&self.shaders, self.level);
         let tile_side = self.tile_side;
-        let view = SceneView { scene, camera, settings, shaders, closing, looked, tile_side, level };
-        self.drawn[pass].append(&view, &self.visible[pass], self.occlusion.next());
+        let projector = SceneProjector { view, shaders, closing, looked, tile_side, level };
+        self.drawn[pass].append(&projector, &self.visible[pass], self.occlusion.next());
     }
 
-    /// Draws the tiles that changed.
-    fn draw(
-        &mut self,
-        pass: Pass,
-        camera: &Camera,
-        (settings, closing): (&RenderSettings, Closing),
-        observer: &dyn Observer,
-    ) {
-        let picture = camera.size().map(|length| length as usize);
-        let [columns, rows] = self.tiles(camera);
-        let Self { visible, drawn, cuts, occlusion, lattice, counts, .. } = self;
-        let Self { shaders, cloud_surfaces: clouds, level, tile_side: side, clear, .. } = self;
-        let PerPass { surfaces, volumes } = &*drawn;
-        let lens = Lens::new(camera, settings.low_pass);
-        let near = camera.near() as f32;
-        // A quarter of the tolerance: what is behind changes a channel by at most that share of its brightness.
-        let least_transmittance = (settings.tolerance / 4.0) as f32;
-        let Records { octets, own_rects, .. } = &surfaces.records;
-        let drawer = TileDrawer {
-            layers: LayerBuilder {
-                surfaces: Surfaces { octets, own_rects, clouds },
-                lens: SurfelLens::new(&lens, near, settings.outline as f32),
-                least_transmittance,
-            },
-            compositor: Compositor {
-                records: &volumes.records.records,
-                rects: &volumes.records.rects,
-                lens: KernelLens {
-                    lens,
-                    near,
-                    cutoff: settings.cutoff as f32,
-                    least_alpha: settings.least_opacity() as f32,
-                    closing,
-                    is_taylor: settings.baseline == Some(Baseline::Taylor),
-                    reach_to_cuts: reach_to_cuts(settings.tolerance),
-                    narrowest: 0.0,
-                    // An interpolation across the border is off by a half of it.
-                    highest_end: (settings.tolerance / 2.0) as f32,
-                },
-                least_transmittance,
-                lead: lead(&visible.volumes, settings, lens.projection),
-                keeps_depth: settings.channels == Channels::All,
-            },
-            resolver: Resolver {
-                shaders,
-                octets,
-                settings,
-                lens,
-                camera_to_world: camera.pose().world_to_camera.matrix3.transpose(),
-            },
-            looked: occlusion.looked(),
-            observer,
-            level: *level,
-        };
-        let bands: Vec<Mutex<FrameRows>> = self.frame.bands(BAND).map(Mutex::new).collect();
-        let clear = &*clear;
-        let place_of =
-            |index: usize| Place { index, bands: &bands[index / columns * (*side / BAND)..], clear };
-        let tile_of = |index: usize| Tile::new([index % columns, index / columns], *side, picture);
-        let store = |counts: &[AtomicU64; 2], found: [u64; 2]| {
-            counts.iter().zip(found).for_each(|(sum, own)| sum.store(own, Relaxed));
-        };
-        let (counts_of_surfaces, counts) = counts.split_at(columns * rows);
-        let (counts, counts_of_lattice) = counts.split_at(columns * rows);
-        // Lists are those of an earlier frame where this one has no surfaces.
-        let surfaces_of =
-            |index: usize| if visible.surfaces.is_empty() { &[] } else { surfaces.lists.tile(index) };
-        if pass == Pass::Surfaces {
-            tiles::for_each(&mut self.threads, columns * rows, |index, buffers| {
-                if !occlusion.changed()[index] {
-                    return;
-                }
-                let tile = (tile_of(index), surfaces_of(index));
-                let found = if visible.volumes.is_empty() {
-                    drawer.draw_surfaces(tile, buffers, place_of(index))
-                } else {
-                    drawer.keep_cuts(tile, buffers, (cuts, index))
-                };
-                store(&counts_of_surfaces[index], [found, 0]);
-            });
-            return;
+    /// Lists what each tile draws in a round, in its order.
+    fn list(&mut self, pass: Pass, Shared { view, closing, observer }: Shared) {
+        let size = view.camera.size();
+        match pass {
+            Pass::Surfaces => {
+                self.drawn.surfaces.list_by_cluster(observer, (size, self.tile_side), &mut self.scratch);
+            }
+            Pass::Volumes => {
+                let is_last = !self.occlusion.leaves_out(pass);
+                let buffers = (&mut self.sorter, &mut self.scratch);
+                let side = self.lattice.listed_side(self.tile_side);
+                self.drawn.volumes.list_by_distance((observer, closing, is_last), (size, side), buffers);
+            }
         }
-        lattice.mark(occlusion.changed(), columns);
-        tiles::for_each(&mut self.threads, lattice.tiles(), |index, buffers| {
-            if lattice.is_changed(index) {
-                let has_surfaces =
-                    lattice.parts(index, [columns, rows]).any(|part| !surfaces_of(part).is_empty());
-                let lists = (volumes.lists.tile(index), has_surfaces);
-                store(&counts_of_lattice[index], drawer.sample((lattice, index), lists, buffers));
-            }
-        });
-        tiles::for_each(&mut self.threads, columns * rows, |index, buffers| {
-            let tile = tile_of(index);
-            if occlusion.changed()[index] || lattice.is_stale(tile) {
-                let listed = if lattice.is_used() { lattice.tile_of(tile) } else { index };
-                let lists = [surfaces_of(index), volumes.lists.tile(listed)];
-                let more = (&*cuts, &*lattice, place_of(index));
-                store(&counts[index], drawer.draw((tile, lists), buffers, more));
-            }
-        });
-    }
-}
-
-impl Drawn {
-    fn clear(&mut self) {
-        self.records.clear();
-        self.ranks.clear();
-    }
-
-    /// Projects those of the visible ranges that are `chosen`, and keeps all in the order of the ranges.
-    fn append(&mut self, view: &SceneView, visible: &[VisibleRange], chosen: &[u32]) {
-        let is_first = self.ranks.is_empty();
-        self.records.append(view, visible, chosen);
-        self.ranks.extend(chosen);
-        if !is_first && !chosen.is_empty() {
-            self.records.sort_runs(&mut self.ranks);
-        }
-    }
-
-    /// How many of the splats that are drawn stand for others.
-    fn merged(&self, visible: &[VisibleRange]) -> u64 {
-        self.records.count(|run| visible[self.ranks[run] as usize].level > 0)
-    }
-
-    /// Lists octets by clusters, which come from near to far.
-    fn list_by_cluster(
-        &mut self,
-        observer: &dyn Observer,
-        size: ([u32; 2], usize),
-        scratch: &mut Vec<AtomicU64>,
-    ) {
-        let Self { records, order, lists, .. } = self;
-        watched(observer, Stage::Bin, || {
-            let count = records.list_parts(order);
-            grow(scratch, count, AtomicU64::default);
-            lists.fill(size, &order[..count], |part| records.rect_of(Part(part)), scratch);
-        });
-    }
-
-    /// Lists records by their distance, or by their first slab.
-    fn list_by_distance(
-        &mut self,
-        (observer, closing, is_last): (&dyn Observer, Closing, bool),
-        size: ([u32; 2], usize),
-        (sorter, scratch): (&mut Sorter, &mut Vec<AtomicU64>),
-    ) {
-        let Records { distances, runs, rects, .. } = &self.records;
-        grow(scratch, self.records.len(), AtomicU64::default);
-        let distances = if is_last {
-            distances
-        } else {
-            grow(&mut self.order, distances.len(), AtomicU32::default);
-            for run in runs {
-                let places = run.start..run.start + run.len;
-                for (kept, distance) in self.order[places.clone()].iter().zip(&distances[places]) {
-                    kept.store(distance.load(Relaxed), Relaxed);
-                }
-            }
-            &self.order
-        };
-        let keys = match closing {
-            _ if closing.is_mixed() => Keys::of_fractions(runs),
-            _ if closing.has_slabs() => Keys::OF_NUMBERS,
-            _ => Keys::of(runs, closing.alike()),
-        };
-        let order = watched(observer, Stage::Order, || sorter.sort((runs, keys), distances, scratch));
-        watched(observer, Stage::Bin, || {
-            self.lists.fill(size, order, |place| rects[place as usize], scratch)
-        });
     }
 }
 

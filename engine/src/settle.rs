@@ -9,6 +9,7 @@ use crate::cloud::Cloud;
 use crate::columns::Kind;
 use crate::scene::{FootprintForm, Order, RenderSettings, Scene};
 use crate::validate::SceneError;
+use crate::view::SceneView;
 use trial::{MOST_OF_ALL, Trial};
 use ways::{take_as_long, ways};
 use windows::windows;
@@ -87,7 +88,7 @@ pub fn settle(
     if settings.order != Order::Auto && settings.footprint != FootprintForm::Auto {
         return Ok(*settings);
     }
-    let Some(windows) = windows(scene, camera, settings) else { return Ok(*settings) };
+    let Some(windows) = windows(SceneView { scene, camera, settings }) else { return Ok(*settings) };
     let levels = levels(scene, settings);
     // All but levels is judged with every splat.
     let level_of_detail = if levels.is_empty() { settings.level_of_detail } else { 0.0 };
@@ -106,7 +107,7 @@ pub fn settle(
         return Ok(RenderSettings { level_of_detail: settings.level_of_detail, ..drawn_in(last, far) });
     }
     let finest = drawn_in(last, far);
-    let trial = Trial::new((scene, &windows), finest)?;
+    let trial = Trial::new(scene, &windows, finest)?;
     if trial.shown() == 0 {
         return Ok(*settings);
     }

@@ -113,11 +113,12 @@ mod tests {
     use crate::camera::{Camera, Pose};
     use crate::cloud::{Cloud, Material, Shapes, Splats, Strength};
     use crate::cull::find_affordable;
-    use crate::footprint::{Lens, Records, SceneView};
+    use crate::footprint::{Lens, Records, SceneProjector};
     use crate::raster::{KernelLens, Kernels};
     use crate::scene::{FootprintForm, Scene};
     use crate::shade::Shader;
     use crate::tile::pixels;
+    use crate::view::SceneView;
     use glam::{DVec3, Mat3, Quat, Vec3};
     use proptest::prelude::*;
 
@@ -162,8 +163,9 @@ mod tests {
             let center = pose.world_to_camera.inverse().transform_point3(across.extend(1.0) * z);
             let axes = Vec3::from(log_axes.map(|log| (log - log_axes.into_iter().fold(f32::MIN, f32::max)).exp()));
             let scene = kernel(center.as_vec3(), axes * size as f32, Vec3::from(turn));
+            let view = SceneView { scene: &scene, camera: &camera, settings: &settings };
             let mut visible = Vec::new();
-            find_affordable(&scene, &camera, &settings, &mut visible);
+            find_affordable(view, &mut visible);
             let lead = lead(&visible, &settings, Projection::Perspective);
             if visible.is_empty() || lead == f32::INFINITY {
                 return Ok(());
@@ -171,9 +173,9 @@ mod tests {
             let shaders = [Shader::new(&scene, &camera, Material::default())];
             let closing = Closing::Centers { alike: 0.0 };
             let level = Level::Baseline;
-            let view = SceneView { scene: &scene, camera: &camera, settings: &settings, shaders: &shaders, closing, looked: None, tile_side: 16, level };
+            let projector = SceneProjector { view, shaders: &shaders, closing, looked: None, tile_side: 16, level };
             let mut records = Records::default();
-            records.append(&view, &visible, &[0]);
+            records.append(&projector, &visible, &[0]);
             let count = records.len();
             let lens = KernelLens {
                 lens,

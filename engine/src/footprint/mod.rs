@@ -12,16 +12,15 @@ pub(crate) use octet::{Octet, Part};
 pub use record::{Form, Kind, Record, RecordHit, Rect, Tag};
 pub(crate) use scalar::EVENLY_COVERED;
 
-use crate::camera::Camera;
 use crate::closing::Closing;
 use crate::columns::LANES;
 use crate::cull::{Frustum, VisibleRange};
 use crate::grow::grow;
 use crate::occlusion::Looked;
 use crate::order::Run;
-use crate::scene::{RenderSettings, Scene};
 use crate::shade::Shader;
 use crate::simd::Level;
+use crate::view::SceneView;
 use rayon::prelude::*;
 use scalar::{Projector, View};
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -263,15 +262,15 @@ impl Records {
     }
 
     /// Projects those of a scene's ranges that are `chosen`, behind what there is; runs come in the same order.
-    pub(crate) fn append(&mut self, view: &SceneView, ranges: &[VisibleRange], chosen: &[u32]) {
-        let frustum = Frustum::new(view.camera);
+    pub(crate) fn append(&mut self, projector: &SceneProjector, ranges: &[VisibleRange], chosen: &[u32]) {
+        let frustum = Frustum::new(projector.view.camera);
         let blocks = |rank: &u32| {
             let range = &ranges[*rank as usize];
             let is_inside = frustum.is_between_sides(range.center_in_camera, range.reach);
-            if is_inside && range.is_chosen_whole() && (range.is_surface || view.looked.is_none()) {
+            if is_inside && range.is_chosen_whole() && (range.is_surface || projector.looked.is_none()) {
                 return Blocks::all(range);
             }
-            WideProjector::new(&view.projector(range)).blocks(view.level, range)
+            WideProjector::new(&projector.of(range)).blocks(projector.level, range)
         };
         chosen.par_iter().with_min_len(RANGES_TOGETHER).map(blocks).collect_into_vec(&mut self.blocks);
         let is_surface = ranges.iter().any(|range| range.is_surface);
@@ -313,9 +312,12 @@ impl Records {
                     tally.behind_cuts = blocks.behind_cuts;
                     let Slots { records, octets, own_rects, rects, distances, .. } = &mut slots;
                     let range = &ranges[*rank as usize];
-                    let projector = view.projector(range);
                     let mut places = Places { records, octets, own_rects, rects, distances, run, tally };
-                    WideProjector::new(&projector).project(view.level, (range, blocks), &mut places);
+                    WideProjector::new(&projector.of(range)).project(
+                        projector.level,
+                        (range, blocks),
+                        &mut places,
+                    );
                     slots.split(run.len);
                 }
             },
@@ -323,11 +325,9 @@ impl Records {
     }
 }
 
-/// A scene as a camera sees it.
-pub(crate) struct SceneView<'a> {
-    pub(crate) scene: &'a Scene,
-    pub(crate) camera: &'a Camera,
-    pub(crate) settings: &'a RenderSettings,
+/// Projects the ranges of a scene.
+pub(crate) struct SceneProjector<'a> {
+    pub(crate) view: SceneView<'a>,
     /// One a cloud.
     pub(crate) shaders: &'a [Shader],
     pub(crate) closing: Closing,
@@ -338,10 +338,11 @@ pub(crate) struct SceneView<'a> {
     pub(crate) level: Level,
 }
 
-impl SceneView<'_> {
-    fn projector(&self, range: &VisibleRange) -> Projector<'_> {
-        let Self { scene, camera, settings, shaders, closing, looked, tile_side, .. } = *self;
-        let (lens, frustum) = (Lens::new(camera, settings.low_pass), Frustum::new(camera));
+impl SceneProjector<'_> {
+    fn of(&self, range: &VisibleRange) -> Projector<'_> {
+        let Self { view, shaders, closing, looked, tile_side, .. } = *self;
+        let SceneView { scene, camera, settings } = view;
+        let (lens, frustum) = (view.lens(), Frustum::new(camera));
         let view = View { camera, settings, lens, frustum, closing, looked, tile_side: tile_side as f32 };
         Projector::new(&scene.clouds[range.cloud], range, &shaders[range.cloud], view)
     }

@@ -11,12 +11,10 @@ mod guess;
 mod looked;
 mod sheet;
 
-use crate::camera::Camera;
 use crate::closing::Closing;
 use crate::cull::VisibleRange;
-use crate::footprint::Lens;
 use crate::pass::{Pass, PerPass};
-use crate::scene::{RenderSettings, Scene};
+use crate::view::SceneView;
 use bounds::{Bounds, Sight};
 use facing::Facing;
 use guess::Guess;
@@ -52,9 +50,7 @@ pub(crate) struct Occlusion {
 /// What a frame's rounds have in common.
 #[derive(Clone, Copy)]
 pub(crate) struct Visible<'a> {
-    pub(crate) scene: &'a Scene,
-    pub(crate) camera: &'a Camera,
-    pub(crate) settings: &'a RenderSettings,
+    pub(crate) view: SceneView<'a>,
     pub(crate) closing: Closing,
     /// Of surfaces from near to far.
     pub(crate) ranges: &'a PerPass<Vec<VisibleRange>>,
@@ -62,15 +58,15 @@ pub(crate) struct Visible<'a> {
 
 impl Visible<'_> {
     fn sight(&self) -> Sight {
-        let Self { camera, settings, closing, .. } = self;
-        let lens = Lens::new(camera, settings.low_pass);
-        Sight::new(camera, lens, (settings.farthest_end(), f64::from(closing.thickness())))
+        let SceneView { camera, settings, .. } = self.view;
+        let reach = (settings.farthest_end(), f64::from(self.closing.thickness()));
+        Sight::new(camera, self.view.lens(), reach)
     }
 
     /// How many splats are drawn of a pass's range.
     fn count(&self, pass: Pass, rank: u32) -> u64 {
         let range = &self.ranges[pass][rank as usize];
-        range.count(self.scene.clouds[range.cloud].levels()) as u64
+        range.count(self.view.scene.clouds[range.cloud].levels()) as u64
     }
 }
 
@@ -86,7 +82,7 @@ impl Occlusion {
     /// Begins a pass. What surfaces hide of volumes is known by then; what else is hidden is guessed, and left out where that is
     /// worth it.
     pub(crate) fn begin_pass(&mut self, pass: Pass, visible: Visible) {
-        let Visible { scene, settings, .. } = visible;
+        let SceneView { scene, settings, .. } = visible.view;
         let ranges = &visible.ranges[pass];
         self.changed.clear();
         self.changed.resize(self.looked.tiles(), true);
@@ -167,7 +163,7 @@ impl Occlusion {
         if !self.leaves_out(pass) {
             return false;
         }
-        let Visible { scene, ranges, .. } = visible;
+        let Visible { view: SceneView { scene, .. }, ranges, .. } = visible;
         let sight = visible.sight();
         self.rounds += 1;
         let takes_all = self.rounds >= MOST_ROUNDS;

@@ -7,7 +7,7 @@ use crate::camera::{Pose, Projection};
 use crate::closed::Closed;
 use crate::cloud::{Cloud, Material, OpacityFilter, Shapes, Splats, Strength, Surface, oblate_factor};
 use crate::columns::LANES;
-use crate::footprint::{Form, Kind, Record, Rect};
+use crate::footprint::{Form, Kind, Lens, Record, Records, Rect};
 use crate::order::Keys;
 use crate::scene::{FootprintForm, Order};
 use glam::{DAffine3, DMat3, DVec2, DVec3, Mat3, Vec3};
@@ -99,7 +99,7 @@ fn taken(records: &Records) -> Vec<usize> {
 impl<'a> Specification<'a> {
     fn new(
         [surfaces, volumes]: [&'a Records; 2],
-        (camera, settings, closing): (&'a Camera, &'a RenderSettings, Closing),
+        (view, closing): (SceneView<'a>, Closing),
         clouds: &'a [CloudSurface],
     ) -> Self {
         let mut volume_order = taken(volumes);
@@ -107,9 +107,9 @@ impl<'a> Specification<'a> {
         let key = |place: usize| keys.key(f32::from_bits(volumes.distances[place].load(Relaxed)));
         volume_order.sort_by_key(|place| (key(*place), *place));
         Self {
-            camera,
-            settings,
-            lens: Lens::new(camera, settings.low_pass),
+            camera: view.camera,
+            settings: view.settings,
+            lens: view.lens(),
             surfaces,
             volumes,
             surface_order: taken(surfaces)
@@ -452,21 +452,14 @@ fn compare(scene: &Scene, camera: &Camera, settings: &RenderSettings, level: Lev
     renderer.render(scene, camera, settings, &()).unwrap();
     // The renderer's own distances are used up by sorting.
     let mut volumes = Records::default();
-    let closing = Closing::new(scene, camera, settings, &renderer.visible.volumes).unwrap();
-    let view = SceneView {
-        scene,
-        camera,
-        settings,
-        shaders: &renderer.shaders,
-        closing,
-        looked: None,
-        tile_side: 16,
-        level,
-    };
+    let view = SceneView { scene, camera, settings };
+    let closing = Closing::new(view, &renderer.visible.volumes).unwrap();
+    let (shaders, looked) = (&renderer.shaders, None);
+    let projector = SceneProjector { view, shaders, closing, looked, tile_side: 16, level };
     let all: Vec<u32> = (0..renderer.visible.volumes.len() as u32).collect();
-    volumes.append(&view, &renderer.visible.volumes, &all);
+    volumes.append(&projector, &renderer.visible.volumes, &all);
     let records = [&renderer.drawn.surfaces.records, &volumes];
-    let specification = Specification::new(records, (camera, settings, closing), &renderer.cloud_surfaces);
+    let specification = Specification::new(records, (view, closing), &renderer.cloud_surfaces);
     let frame = &renderer.frame;
     let (mut worst, mut share, mut seen, mut doubtful) = (0.0_f64, 0.0_f64, 0, 0);
     let (mut failure, mut failed) = (None, 0);

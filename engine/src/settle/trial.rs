@@ -41,7 +41,8 @@ pub(super) struct Trial<'a> {
 
 impl<'a> Trial<'a> {
     pub(super) fn new(
-        (scene, windows): (&'a Scene, &'a [Vec<Camera>; 2]),
+        scene: &'a Scene,
+        windows: &'a [Vec<Camera>; 2],
         right: RenderSettings,
     ) -> Result<Self, SceneError> {
         let (truth, more_truth, renderers) = Default::default();

@@ -2,7 +2,8 @@
 
 use crate::camera::Camera;
 use crate::cull::{find_affordable, touched_part};
-use crate::scene::{RenderSettings, Scene};
+use crate::scene::RenderSettings;
+use crate::view::SceneView;
 
 /// Windows along a side of what the scene touches of the picture, and pixels along a side of a window.
 const WINDOWS: u32 = 8;
@@ -18,11 +19,12 @@ const WHOLE: u64 = 4 * (WINDOWS * WINDOW).pow(2) as u64;
 /// Cameras that see windows of the part of the picture that the scene may touch: each in a random place of its share of that; and
 /// [`OTHERS`] times as many elsewhere. A small part is one window, beside which there are no others. `None` where nothing is in
 /// the picture; none in pictures that are smaller than a window.
-pub(super) fn windows(scene: &Scene, camera: &Camera, settings: &RenderSettings) -> Option<[Vec<Camera>; 2]> {
+pub(super) fn windows(view: SceneView) -> Option<[Vec<Camera>; 2]> {
+    let SceneView { camera, settings, .. } = view;
     let mut visible = Vec::new();
     // Spheres around what merged splats stand for are wider than what they show.
     let every_splat = RenderSettings { budget: None, level_of_detail: 0.0, ..*settings };
-    find_affordable(scene, camera, &every_splat, &mut visible);
+    find_affordable(SceneView { settings: &every_splat, ..view }, &mut visible);
     if visible.is_empty() {
         return None;
     }

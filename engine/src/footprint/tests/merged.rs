@@ -76,10 +76,9 @@ fn is_projected_as_one_is(case: &Case) -> Result<(), TestCaseError> {
     let settings = RenderSettings::default();
     let scene = Scene { clouds: vec![cloud], lights: Vec::new() };
     let shaders = [Shader::new(&scene, &camera, Material::default())];
-    let view = SceneView {
-        scene: &scene,
-        camera: &camera,
-        settings: &settings,
+    let view = SceneView { scene: &scene, camera: &camera, settings: &settings };
+    let projectors = SceneProjector {
+        view,
         shaders: &shaders,
         closing: Closing::Centers { alike: 0.0 },
         looked: None,
@@ -90,7 +89,7 @@ fn is_projected_as_one_is(case: &Case) -> Result<(), TestCaseError> {
     let first = LANES * (block * (columns.len / LANES) as f64) as usize;
     let mut range = VisibleRange::whole(first..first + LANES, columns.center(first), true);
     (range.level, range.hides_backs) = (above, closed);
-    let projector = view.projector(&range);
+    let projector = projectors.of(&range);
     // Places in the body, at most 2.5 times as large, are rounded, and so are directions from the eye, which is not nearer than it is wide.
     const ROUNDING: f64 = 200.0 * f32::EPSILON as f64;
     // Of the latter, across themselves: coordinates of the eye and of its differences from places, each rounded by 4 ε at a distance of 12, √3

@@ -9,6 +9,7 @@ use crate::camera::Projection;
 use crate::cloud::{Material, OpacityFilter};
 use crate::columns::LANES;
 use crate::cull::find_affordable;
+use crate::scene::{RenderSettings, Scene};
 use compare::compare;
 use glam::Vec3;
 use proptest::prelude::*;
@@ -82,10 +83,9 @@ fn check(setup: &Setup, splats: &[Seen]) -> Result<(), TestCaseError> {
     let cloud = cloud(setup, splats, &camera);
     let scene = Scene { clouds: vec![cloud], lights: Vec::new() };
     let shaders = [Shader::new(&scene, &camera, Material::default())];
-    let view = SceneView {
-        scene: &scene,
-        camera: &camera,
-        settings: &setup.settings,
+    let view = SceneView { scene: &scene, camera: &camera, settings: &setup.settings };
+    let projectors = SceneProjector {
+        view,
         shaders: &shaders,
         closing: Closing::Centers { alike: 0.0 },
         looked: None,
@@ -94,12 +94,12 @@ fn check(setup: &Setup, splats: &[Seen]) -> Result<(), TestCaseError> {
     };
     let mut whole = VisibleRange::whole(0..0, Vec3::ZERO, false);
     whole.hides_backs = scene.clouds[0].is_closed_for(&camera);
-    let projector = view.projector(&whole);
+    let projector = projectors.of(&whole);
     let cloud = projector.columns;
     let middle = (0..cloud.len).map(|i| cloud.center(i)).sum::<Vec3>() / cloud.len as f32;
     // As it is culled; what is culled whole shows nothing.
     let mut visible = Vec::new();
-    find_affordable(&scene, &camera, &setup.settings, &mut visible);
+    find_affordable(view, &mut visible);
     visible.iter_mut().for_each(|range| range.center = middle);
     let scale =
         projector.cloud_to_camera.matrix3.to_cols_array().iter().fold(0.0, |m: f64, x| m.max(x.abs()));
@@ -151,17 +151,16 @@ fn what_is_fainter_than_the_tolerance_is_not_drawn() {
     let scene = Scene { clouds: vec![cloud(&setup, &[splat], &camera)], lights: Vec::new() };
     let shaders = [Shader::new(&scene, &camera, Material::default())];
     let settings = &setup.settings;
-    let view = SceneView {
-        scene: &scene,
-        camera: &camera,
-        settings,
+    let view = SceneView { scene: &scene, camera: &camera, settings };
+    let projectors = SceneProjector {
+        view,
         shaders: &shaders,
         closing: Closing::Centers { alike: 0.0 },
         looked: None,
         tile_side: 16,
         level: Level::Baseline,
     };
-    let projector = view.projector(&VisibleRange::whole(0..0, Vec3::ZERO, false));
+    let projector = projectors.of(&VisibleRange::whole(0..0, Vec3::ZERO, false));
     let middle = projector.columns.center(0);
     let range = VisibleRange::whole(0..1, middle, false);
     assert!(wide(Level::Baseline, &projector, &range)[0].is_none(), "the wide projection shows it");
