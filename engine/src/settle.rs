@@ -47,8 +47,8 @@ const LEVELS: [f64; 9] = [8.0, 5.6, 4.0, 2.8, 2.0, 1.4, 1.0, 0.5, 0.25];
 /// Fewer pixels that show anything tell nothing of where splats may end.
 const LEAST_SHOWN: usize = 100;
 
-/// Settles what settings leave to the engine, [`Order::Auto`] and [`FootprintForm::Auto`]: the quickest way that keeps to the
-/// tolerance.
+/// Settles what settings leave to the engine: [`Order::Auto`], [`FootprintForm::Auto`], where splats end, and levels of detail. It finds the
+/// quickest way that keeps to the tolerance.
 ///
 /// Windows of what the scene may touch of the picture, 64 of 6×6 pixels that are spread over it or all of it where that is small, are drawn in one way after another, from the quickest
 /// on, and the first is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Where at most one
@@ -73,7 +73,7 @@ const LEAST_SHOWN: usize = 100;
 /// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame. Where windows show nothing,
 /// settings stay as they are; pictures of fewer pixels than a window's are drawn in the finest way.
 ///
-/// An order or a form that is not left to the engine stays as it is; with both, all does. Where all kernels have opacities they keep the
+/// An order or a form that is not left to the engine stays as it is, and so do ends and levels that aren't what they are by default. Where all kernels have opacities they keep the
 /// order that defines them. Surfaces by themselves need no order.
 ///
 /// # Errors
@@ -85,9 +85,6 @@ pub fn settle(
 ) -> Result<RenderSettings, SceneError> {
     settings.validate()?;
     scene.validate()?;
-    if settings.order != Order::Auto && settings.footprint != FootprintForm::Auto {
-        return Ok(*settings);
-    }
     let Some(windows) = windows(SceneView { scene, camera, settings }) else { return Ok(*settings) };
     let levels = levels(scene, settings);
     // All but levels is judged with every splat.

@@ -51,7 +51,7 @@ static FORMATS: &[Format] = &[
             bytes.starts_with(b"glTF") || json(bytes).is_some_and(|text| contains(text, b"\"asset\""))
         })
         .up(DVec3::Y),
-    Format::new("OBJ", &["obj"], |source, options| Ok(obj::read(&source.into_file()?, options)?.into())),
+    Format::new("OBJ", &["obj"], |source, options| obj::read(&source.into_file()?, options)),
     Format::new("STL", &["stl"], |source, _| stl::read(&source.into_file()?))
         .beginning(stl::is_stl)
         .up(DVec3::Z),

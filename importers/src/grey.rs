@@ -3,6 +3,7 @@
 //! PNG and JPEG of 8 or 16 bits; PGM (P5, P2) with its numbers as they are, whatever its largest value; TIFF of one page as
 //! [`crate::volumes::tiff`] reads it. Colour, palettes, transparency and fewer than 8 bits are refused.
 
+use crate::decoder;
 use crate::file::File;
 use crate::inflate;
 use crate::pnm;
@@ -10,8 +11,7 @@ use crate::scalar::Scalar;
 use crate::volumes::tiff;
 use crate::volumes::voxels::Layout;
 use crate::{Endian, ImportError, Note, Place};
-use image::{ExtendedColorType, ImageDecoder, ImageFormat, ImageReader, Limits};
-use std::io::Cursor;
+use image::{ExtendedColorType, ImageDecoder, ImageFormat};
 
 /// Bytes of samples that a byte of a PNG or JPEG can hold at most: deflate's 258 for two bits, and less in JPEG.
 const EXPANSION_LIMIT: u64 = 1032;
@@ -54,10 +54,8 @@ fn decoded(file: &File, format: ImageFormat, max_memory: u64) -> Result<Grey, Im
     let problem =
         |error: image::ImageError| file.malformed(Place::Whole, format!("it cannot be decoded: {error}"));
     let length = file.bytes.len() as u64;
-    let mut limits = Limits::default();
-    limits.max_alloc = Some((EXPANSION_LIMIT * length).max(LEAST_ALLOC));
-    let mut reader = ImageReader::with_format(Cursor::new(&file.bytes[..]), format);
-    reader.limits(limits);
+    let reader = decoder::reader(&file.bytes, format, (EXPANSION_LIMIT * length).max(LEAST_ALLOC))
+        .map_err(|problem| file.malformed(Place::Whole, problem))?;
     let decoder = reader.into_decoder().map_err(problem)?;
     let (width, height) = decoder.dimensions();
     let scalar = match (decoder.color_type().into(), decoder.original_color_type()) {

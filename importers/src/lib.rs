@@ -37,6 +37,7 @@
 //! Volumes keep the frame of their file, whatever it calls its axes; samples are voxel centres.
 
 mod content;
+mod decoder;
 pub mod depth;
 mod error;
 pub mod export;

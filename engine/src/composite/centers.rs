@@ -33,20 +33,14 @@ impl<S: Simd> Opening<S> for Centers<S> {
     #[inline(always)]
     fn add_plain<const DEPTH: bool>(&mut self, simd: S, mut plain: Plain<S>, (): (), (): &mut ()) {
         while let Some(number) = plain.next() {
-            let [alpha, depth] = plain.alpha_and_depth::<DEPTH>(simd, number);
-            let shown = self.seen.blend(simd, alpha, plain.kernels.color(number));
-            if DEPTH {
-                self.seen.place(shown, depth);
-            }
+            let alpha_and_depth = plain.alpha_and_depth::<DEPTH>(simd, number);
+            self.seen.show::<DEPTH>(simd, alpha_and_depth, plain.kernels.color(number));
         }
     }
 
     #[inline(always)]
     fn add<const DEPTH: bool>(&mut self, simd: S, fragment: Fragment<S>, (): (), (): &mut ()) {
-        let shown = self.seen.blend(simd, fragment.alpha, fragment.color);
-        if DEPTH {
-            self.seen.place(shown, fragment.depth_inside());
-        }
+        self.seen.show::<DEPTH>(simd, [fragment.alpha, fragment.depth_inside()], fragment.color);
     }
 
     #[inline(always)]

@@ -242,7 +242,11 @@ impl Compositor<'_> {
             count += todo.count_ones();
             runs.rough |= u64::from(todo & kernels.rough != 0) << here.block;
             if todo & !(whole & kernels.plain) == 0 {
-                let ray_length = kernels.plain_ray_lengths(simd, pixels, (here.tile, &self.lens));
+                let ray_length = if O::KEEPS_OPEN && DEPTH {
+                    self.lens.ray_lengths(simd, pixels, here.tile)
+                } else {
+                    kernels.plain_ray_lengths(simd, pixels, (here.tile, &self.lens))
+                };
                 let plain = Plain { kernels, set: todo, corner, pixels, ray_length, segment: None };
                 opening.add_plain::<DEPTH>(simd, plain, policy, &mut opens[0][here.block]);
             } else {
@@ -319,8 +323,8 @@ impl Compositor<'_> {
         if O::CUTS_PLAIN {
             plain_here |= kernels.plain_media();
         }
-        let ray_length = if O::KEEPS_OPEN && self.lens.closing.is_mixed() {
-            // What is closed before a centre is told by distances.
+        let ray_length = if O::KEEPS_OPEN && (DEPTH || self.lens.closing.is_mixed()) {
+            // What is closed before a centre is told by distances, and where what is closed lies.
             self.lens.ray_lengths(simd, pixels, here.tile)
         } else {
             kernels.plain_ray_lengths(simd, pixels, (here.tile, &self.lens))

@@ -136,23 +136,30 @@ impl<S: Simd> Seeing<S> {
         }
     }
 
-    /// The same with an opacity and a colour of one splat behind; gives T·α.
+    /// Puts something flat behind: its opacity and its z, and its colour at all pixels.
     #[inline(always)]
-    pub(super) fn blend(&mut self, simd: S, alpha: W<S>, color: [f32; 3]) -> W<S> {
-        let shown = (-self.opacity).mul_add(alpha, alpha);
-        self.opacity += shown;
-        for (sum, own) in self.color.iter_mut().zip(color) {
-            *sum = shown.mul_add(W::simd_from(simd, own), *sum);
-        }
-        shown
+    pub(super) fn show<const DEPTH: bool>(&mut self, simd: S, [alpha, depth]: [W<S>; 2], color: [f32; 3]) {
+        let color = color.each(
+            #[inline(always)]
+            |own| W::simd_from(simd, own),
+        );
+        self.show_in::<DEPTH>([alpha, depth], color);
     }
 
-    /// Puts what was just shown, already part of the opacity, at a depth.
+    /// The same with a colour at each pixel.
     #[inline(always)]
-    pub(super) fn place(&mut self, shown: W<S>, depth: W<S>) {
-        self.depth = shown.mul_add(depth, self.depth);
-        let is_half = self.opacity.simd_ge(self.half) & (self.opacity - shown).simd_lt(self.half);
-        self.median = is_half.select(depth, self.median);
+    pub(super) fn show_in<const DEPTH: bool>(&mut self, [alpha, depth]: [W<S>; 2], color: [W<S>; 3]) {
+        let before = self.opacity;
+        let shown = (-before).mul_add(alpha, alpha);
+        self.opacity = before + shown;
+        for (sum, own) in self.color.iter_mut().zip(color) {
+            *sum = shown.mul_add(own, *sum);
+        }
+        if DEPTH {
+            self.depth = shown.mul_add(depth, self.depth);
+            let is_half = self.opacity.simd_ge(self.half) & before.simd_lt(self.half);
+            self.median = is_half.select(depth, self.median);
+        }
     }
 
     /// Where it is known only in the end that half of the light is lost here, since what lies in nearer segments was still open, the median is

@@ -90,8 +90,7 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
         closing: &Closing,
         open: &mut OpenSlabs,
     ) {
-        let Fragment { kernels, number, corner, optical_depth, depth, sigma_z, distance, ray_length, .. } =
-            fragment;
+        let Fragment { kernels, number, corner, optical_depth, sigma_z, distance, ray_length, .. } = fragment;
         let first = kernels.slabs.first[number];
         let Closing::Slabs(slabs) = closing else {
             self.close_before::<DEPTH>(simd, first, 0.0, open);
@@ -105,11 +104,12 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
         );
         if kernels.slabs.at_centers >> number & 1 != 0 {
             self.close_until::<DEPTH>(simd, (kernels.slabs.center(number), segment), slabs, open);
-            self.show::<DEPTH>(simd, [fragment.alpha, fragment.depth_inside()], fragment.color);
+            self.seen.show::<DEPTH>(simd, [fragment.alpha, fragment.depth_inside()], fragment.color);
             return;
         }
         let inverse = kernels.inverse_spread(simd, number, (slabs, sigma_z * ray_length));
-        let matter = Matter { optical_depth, depth, distance, inverse, segment };
+        let z_per_length = if DEPTH { W::simd_from(simd, 1.0) / ray_length } else { ray_length };
+        let matter = Matter { optical_depth, distance, z_per_length, inverse, segment };
         if kernels.slabs.narrow >> number & 1 != 0 {
             self.close_before::<DEPTH>(simd, first, slabs.thickness(), open);
             let share = kernels.slabs.share(number);
@@ -223,16 +223,7 @@ impl<S: Simd> Slabbed<S> {
         while let Some(number) = plain.next() {
             self.close_until::<DEPTH>(simd, (kernels.slabs.center(number), segment), slabs, open);
             let alpha_and_depth = plain.alpha_and_depth::<DEPTH>(simd, number);
-            self.show::<DEPTH>(simd, alpha_and_depth, kernels.color(number));
-        }
-    }
-
-    /// Puts something flat behind what is seen.
-    #[inline(always)]
-    fn show<const DEPTH: bool>(&mut self, simd: S, [alpha, depth]: [W<S>; 2], color: [f32; 3]) {
-        let shown = self.seen.blend(simd, alpha, color);
-        if DEPTH {
-            self.seen.place(shown, depth);
+            self.seen.show::<DEPTH>(simd, alpha_and_depth, kernels.color(number));
         }
     }
 
@@ -245,7 +236,8 @@ impl<S: Simd> Slabbed<S> {
         slabs: &Slabs,
         open: &mut OpenSlabs,
     ) {
-        let Plain { kernels, pixels, .. } = plain;
+        let Plain { kernels, pixels, ray_length, .. } = plain;
+        let z_per_length = if DEPTH { W::simd_from(simd, 1.0) / ray_length } else { ray_length };
         let mut plane = slabs.begin(self.first + 1);
         while let Some(number) = plain.next() {
             let first = kernels.slabs.first[number];
@@ -254,13 +246,9 @@ impl<S: Simd> Slabbed<S> {
                 plane = slabs.begin(first + 1);
             }
             let (optical_depth, share) = kernels.plain_share_before(simd, number, pixels, plane);
-            let [depth, distance] = if DEPTH {
-                [kernels.depth_at(simd, number, pixels), kernels.affine_distance(simd, number, pixels)]
-            } else {
-                [share; 2]
-            };
+            let distance = if DEPTH { kernels.affine_distance(simd, number, pixels) } else { share };
             let inverse = W::simd_from(simd, kernels.slabs.inverse(number));
-            let matter = Matter { optical_depth, depth, distance, inverse, segment: None };
+            let matter = Matter { optical_depth, distance, z_per_length, inverse, segment: None };
             self.share_between::<DEPTH>(simd, (kernels, number), (matter, share), slabs);
         }
     }
@@ -318,13 +306,13 @@ impl<S: Simd> Slabbed<S> {
         slabs: &Slabs,
         open: &mut OpenSlabs,
     ) {
-        let Plain { kernels, pixels, corner, .. } = plain;
+        let Plain { kernels, pixels, corner, ray_length, .. } = plain;
+        let z_per_length = if DEPTH { W::simd_from(simd, 1.0) / ray_length } else { ray_length };
         while let Some(number) = plain.next() {
             let optical_depth = kernels.plain_optical_depth(simd, number, pixels);
-            let depth = if DEPTH { kernels.depth_at(simd, number, pixels) } else { optical_depth };
             let distance = kernels.affine_distance(simd, number, pixels);
             let inverse = W::simd_from(simd, kernels.slabs.inverse(number));
-            let matter = Matter { optical_depth, depth, distance, inverse, segment: None };
+            let matter = Matter { optical_depth, distance, z_per_length, inverse, segment: None };
             self.share_out::<DEPTH>(simd, (kernels, number, corner), matter, (slabs, open));
         }
     }

@@ -8,9 +8,9 @@ use crate::simd::*;
 #[derive(Clone, Copy)]
 pub(super) struct Matter<S: Simd> {
     pub(super) optical_depth: W<S>,
-    /// z, and the distance from the eye, where it is densest.
-    pub(super) depth: W<S>,
+    /// Distance from the eye where it is densest, and what z is for each of the ray's length; that only where depth is asked for.
     pub(super) distance: W<S>,
+    pub(super) z_per_length: W<S>,
     /// 1/σ of the spread.
     pub(super) inverse: W<S>,
     /// The distances between which all of it lies, of a share.
@@ -22,15 +22,19 @@ impl<S: Simd> Matter<S> {
     #[inline(always)]
     pub(super) fn depth_in<const DEPTH: bool>(&self, simd: S, (from, thickness): (f32, f32)) -> W<S> {
         if !DEPTH {
-            return self.depth;
+            return self.distance;
         }
         let (begin, end) = (W::simd_from(simd, from), W::simd_from(simd, from + thickness));
         let half = W::simd_from(simd, 0.5 * BOX) / self.inverse;
+        // Of a share what is within the segment, which the spread may not reach.
+        let [begin, end] = self
+            .segment
+            .map_or([begin, end], |[from, to]| [begin.max(from).min(end), end.min(to).max(begin)]);
         let ends = [self.distance - half, self.distance + half].each(
             #[inline(always)]
             |end_of_box| end_of_box.max(begin).min(end),
         );
-        self.depth * (ends[0] + ends[1]) * 0.5 / self.distance.max(W::simd_from(simd, 1e-20))
+        self.z_per_length * (ends[0] + ends[1]) * 0.5
     }
 }
 

@@ -183,7 +183,8 @@ impl<S: Simd> Sum<S> {
     pub(super) fn close<const DEPTH: bool>(&self, simd: S, seen: &mut Seeing<S>, thickness: f32) {
         let one = W::simd_from(simd, 1.0);
         let tau = self.optical_depth;
-        let through = one - seen.opacity;
+        let before = seen.opacity;
+        let through = one - before;
         let shown = through * opacity_share(simd, tau);
         for (seen, sum) in seen.color.iter_mut().zip(&self.color) {
             *seen = shown.mul_add(*sum, *seen);
@@ -192,7 +193,7 @@ impl<S: Simd> Sum<S> {
         if DEPTH {
             seen.depth = shown.mul_add(self.depth, seen.depth);
             let left = one - seen.half;
-            let is_half = seen.opacity.simd_ge(seen.half) & through.simd_gt(left);
+            let is_half = seen.opacity.simd_ge(seen.half) & before.simd_lt(seen.half);
             if is_half.any_true() {
                 let inverse = one / tau.max(W::simd_from(simd, 1e-30));
                 let until = log2(simd, (through / left).max(one)) * std::f32::consts::LN_2;

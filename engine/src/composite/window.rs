@@ -153,17 +153,10 @@ impl<S: Simd> Windowed<S> {
     #[inline(always)]
     fn show<const DEPTH: bool>(&mut self, simd: S, leaving: &Waiting<S>) {
         let Waiting { depth, alpha, color } = leaving;
-        let shown = (-self.seen.opacity).mul_add(*alpha, *alpha);
-        self.seen.opacity += shown;
-        for (sum, own) in self.seen.color.iter_mut().zip(color) {
-            *sum = shown.mul_add(*own, *sum);
-        }
-        if DEPTH {
-            // A place without a kernel has no depth.
-            let zero = W::simd_from(simd, 0.0);
-            let depth = alpha.simd_gt(zero).select(*depth, zero);
-            self.seen.place(shown, depth);
-        }
+        // A place without a kernel has no depth.
+        let zero = W::simd_from(simd, 0.0);
+        let depth = alpha.simd_gt(zero).select(*depth, zero);
+        self.seen.show_in::<DEPTH>([*alpha, depth], *color);
     }
 }
 

@@ -1,6 +1,7 @@
 //! Files to colours.
 
 use super::exr;
+use crate::decoder;
 use crate::file::File;
 use crate::grey::NATIVE;
 use crate::inflate;
@@ -8,9 +9,8 @@ use crate::meshes::texture::EXPANSION_LIMIT;
 use crate::pnm;
 use crate::scalar::{Scalar, numbers};
 use crate::{Endian, ImportError, Note, Place};
-use image::{ImageDecoder, ImageFormat, ImageReader, Limits};
+use image::{ImageDecoder, ImageFormat};
 use oblate_engine::color::srgb_to_linear;
-use std::io::Cursor;
 use std::path::Path;
 
 /// A colour for each pixel.
@@ -52,10 +52,8 @@ pub fn read_color(path: impl AsRef<Path>, max_memory: u64) -> Result<ColorImage,
     let problem =
         |error: image::ImageError| file.malformed(Place::Whole, format!("it cannot be decoded: {error}"));
     let possible = EXPANSION_LIMIT * file.bytes.len() as u64;
-    let mut limits = Limits::default();
-    limits.max_alloc = Some(possible.min(max_memory));
-    let mut reader = ImageReader::with_format(Cursor::new(&file.bytes[..]), format);
-    reader.limits(limits);
+    let reader = decoder::reader(&file.bytes, format, possible.min(max_memory))
+        .map_err(|problem| file.malformed(Place::Whole, problem))?;
     let decoder = reader.into_decoder().map_err(problem)?;
     let (width, height) = decoder.dimensions();
     let (size, unpacked) = ([width as usize, height as usize], decoder.total_bytes());

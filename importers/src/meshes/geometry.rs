@@ -2,6 +2,7 @@
 
 use crate::file::File;
 use crate::{ImportError, Place};
+use glam::{DAffine3, DVec3, Vec3};
 use oblate_engine::color::srgb_to_linear;
 use oblate_surfels::{Mesh, Primitive};
 
@@ -14,6 +15,22 @@ pub(crate) fn fan<T: Copy>(corners: &[T]) -> impl Iterator<Item = [T; 3]> {
 /// The first of `vectors` that has a component which is not finite.
 pub(crate) fn first_not_finite<const N: usize>(vectors: &[[f32; N]]) -> Option<usize> {
     vectors.iter().position(|vector| !vector.iter().all(|c| c.is_finite()))
+}
+
+/// How many times as far as they are wide all positions may lie from 0 and stay as they are: in single precision they are then moved by at
+/// most a 260,000th of that width.
+const FARTHEST: f64 = 64.0;
+
+/// Positions in single precision, and what moves them to where they are: nothing, or as far as their middle where they are far away, as
+/// coordinates of maps are.
+pub(crate) fn near_zero(positions: &[DVec3]) -> (Vec<Vec3>, DAffine3) {
+    let none = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+    let [low, high] = positions.iter().fold(none, |[low, high], p| [low.min(*p), high.max(*p)]);
+    let farthest = low.abs().max(high.abs()).max_element();
+    let is_far = farthest > FARTHEST * (high - low).max_element();
+    let origin = if is_far && farthest.is_finite() { 0.5 * low + 0.5 * high } else { DVec3::ZERO };
+    let near = positions.iter().map(|position| (position - origin).as_vec3()).collect();
+    (near, DAffine3::from_translation(origin))
 }
 
 /// Linear colour of a display-encoded one; alpha is linear already.

@@ -2,22 +2,28 @@
 //!
 //! Of a material the base colour is read: `Kd`, `d` and `map_Kd`. MTL has no defined colour space; `Kd`
 //! counts as sRGB-encoded like the textures it stands beside. A map replaces `Kd`, since many writers leave
-//! 0.8 or 0 there. `Tr` is not read: some writers mean 1 - d by it, others d.
+//! 0.8 or 0 there. `Tr` is not read: some writers mean 1 - d by it, others d. Where it is neither 0 nor 1, and there is no `d`, that is
+//! noted.
 
 use crate::file::File;
 use crate::meshes::geometry::decoded;
 use crate::meshes::texture;
-use crate::{ImportError, Place};
+use crate::{ImportError, Note, Place};
 use glam::Vec4;
 use oblate_surfels::{BaseColor, Texture, Wrap};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::Arc;
+
+/// What is said where an opacity is given in a way that has two meanings.
+const AMBIGUOUS: &str =
+    "Tr of materials without d: some programs mean 1 - d by it, others d; it counts as opaque";
 
 /// Materials by name, each image read once.
 #[derive(Default)]
 pub(crate) struct Library {
     pub(crate) materials: HashMap<String, BaseColor>,
+    pub(crate) notes: Vec<Note>,
     /// By the naming file, the name in it and whether it is clamped.
     textures: HashMap<(PathBuf, String, bool), Arc<Texture>>,
 }
@@ -26,6 +32,8 @@ impl Library {
     /// Adds the materials of a file.
     pub(crate) fn add(&mut self, file: &File) -> Result<(), ImportError> {
         let mut name: Option<String> = None;
+        // Materials that have an opacity, and those that have something that may be one.
+        let (mut said, mut perhaps) = (HashSet::new(), HashSet::new());
         for (index, line) in file.bytes.split(|&b| b == b'\n').enumerate() {
             let text = String::from_utf8_lossy(line);
             let text = text.trim();
@@ -35,6 +43,9 @@ impl Library {
                 self.materials.insert(rest.to_owned(), BaseColor::default());
                 name = Some(rest.to_owned());
                 continue;
+            }
+            if word == "Tr" && !["0", "1"].map(str::parse::<f32>).contains(&rest.parse()) {
+                perhaps.extend(name.clone());
             }
             if !matches!(word, "Kd" | "d" | "map_Kd") {
                 continue;
@@ -53,6 +64,7 @@ impl Library {
                     let opacity = opacity.parse().ok().filter(|d| (0.0..=1.0).contains(d));
                     let problem = || file.malformed(place, format!("d {rest:?} must be a number in [0, 1]"));
                     material.factor.w = opacity.ok_or_else(problem)?;
+                    said.extend(name.clone());
                 }
                 "map_Kd" => {
                     let (image, clamp) = map(file, place.clone(), rest)?;
@@ -68,6 +80,9 @@ impl Library {
                 }
                 _ => {}
             }
+        }
+        if !perhaps.is_subset(&said) {
+            self.notes.push(Note::LeftOut(AMBIGUOUS.into()));
         }
         Ok(())
     }

@@ -10,17 +10,18 @@
 //! the default material.
 
 use crate::file::File;
-use crate::meshes::geometry::{decoded, fan, mesh};
+use crate::meshes::geometry::{decoded, fan, mesh, near_zero};
 use crate::meshes::mtl::Library;
 use crate::meshes::texture;
-use crate::{ImportError, OpenOptions, Place};
-use glam::{DAffine3, Vec2, Vec3, Vec4};
-use oblate_surfels::{BaseColor, Mesh, Primitive};
+use crate::{Content, ImportError, OpenOptions, Opened, Place};
+use glam::{DVec3, Vec2, Vec3, Vec4};
+use oblate_surfels::{BaseColor, Primitive};
 use std::borrow::Cow;
 use std::collections::HashMap;
+use std::mem::take;
 
 /// Reads a mesh.
-pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Mesh, ImportError> {
+pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportError> {
     let mut scene = Reader::new(file);
     // Libraries first: materials may be used before the line that names their library.
     for (number, line) in logical_lines(&file.bytes) {
@@ -33,6 +34,7 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Mesh, ImportErr
     for (number, line) in logical_lines(&file.bytes) {
         scene.line(number, line)?;
     }
+    let notes = scene.library.as_mut().map(|library| take(&mut library.notes)).unwrap_or_default();
     let mut primitives = scene.primitives();
     if let Some(path) = &options.texture {
         let bare = |p: &&mut Primitive| p.tex_coords.is_some() && p.material.texture.is_none();
@@ -46,7 +48,7 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Mesh, ImportErr
     for primitive in primitives.iter_mut().filter(colored) {
         primitive.material = BaseColor::default();
     }
-    mesh(file, primitives)
+    Ok(Opened::noting(Content::Mesh(mesh(file, primitives)?), notes))
 }
 
 /// Lines with their numbers; a backslash at a line's end joins the next one to it.
@@ -77,7 +79,7 @@ struct Group {
 
 struct Reader<'a> {
     file: &'a File,
-    positions: Vec<Vec3>,
+    positions: Vec<DVec3>,
     /// A colour for each position, once one has been met.
     colors: Vec<Vec4>,
     tex_coords: Vec<Vec2>,
@@ -218,10 +220,11 @@ impl<'a> Reader<'a> {
         if !colors.is_empty() {
             colors.resize(self.positions.len(), Vec4::ONE);
         }
+        let (positions, primitive_to_mesh) = near_zero(&self.positions);
         let primitive = |group: Group| {
             let corners = group.corners.iter();
             Primitive {
-                positions: corners.clone().map(|c| self.positions[c.0]).collect(),
+                positions: corners.clone().map(|c| positions[c.0]).collect(),
                 triangles: group.triangles,
                 tex_coords: corners.clone().map(|c| Some(self.tex_coords[c.1?])).collect(),
                 normals: corners.clone().map(|c| Some(self.normals[c.2?])).collect(),
@@ -229,7 +232,7 @@ impl<'a> Reader<'a> {
                 material: group.material,
                 alpha_cutoff: None,
                 double_sided: true,
-                primitive_to_mesh: DAffine3::IDENTITY,
+                primitive_to_mesh,
             }
         };
         self.groups.into_iter().map(primitive).collect()
@@ -247,12 +250,17 @@ fn numbers<'w>(words: impl Iterator<Item = &'w str>) -> Option<Vec<f32>> {
     words.map(|word| word.parse().ok().filter(|n: &f32| n.is_finite())).collect()
 }
 
+/// As [`numbers`], which are as exact as they stand.
+fn exact_numbers<'w>(words: impl Iterator<Item = &'w str>) -> Option<Vec<f64>> {
+    words.map(|word| word.parse().ok().filter(|n: &f64| (*n as f32).is_finite())).collect()
+}
+
 /// `x y z`, then nothing, a weight (which polygons don't heed), or a colour.
-fn vertex<'w>(words: impl Iterator<Item = &'w str>) -> Result<(Vec3, Option<Vec4>), String> {
-    let numbers = numbers(words).ok_or("a vertex must have finite numbers")?;
+fn vertex<'w>(words: impl Iterator<Item = &'w str>) -> Result<(DVec3, Option<Vec4>), String> {
+    let numbers = exact_numbers(words).ok_or("a vertex must have finite numbers")?;
     let (position, color) = match numbers[..] {
         [x, y, z] | [x, y, z, _] => ([x, y, z], None),
-        [x, y, z, r, g, b] => ([x, y, z], Some([r, g, b, 1.0])),
+        [x, y, z, r, g, b] => ([x, y, z], Some([r as f32, g as f32, b as f32, 1.0])),
         _ => {
             return Err(format!(
                 "a vertex must have 3, 4 or 6 numbers (x y z, w or r g b); it has {}",
@@ -263,5 +271,5 @@ fn vertex<'w>(words: impl Iterator<Item = &'w str>) -> Result<(Vec3, Option<Vec4
     if let Some(color) = color.filter(|color| !color.iter().all(|c| (0.0..=1.0).contains(c))) {
         return Err(format!("vertex colour {:?} must lie in [0, 1]", &color[..3]));
     }
-    Ok((Vec3::from_array(position), color.map(|color| Vec4::from_array(decoded(color)))))
+    Ok((DVec3::from_array(position), color.map(|color| Vec4::from_array(decoded(color)))))
 }

@@ -1,10 +1,9 @@
 //! Images on surfaces: PNG, JPEG and WebP.
 
+use crate::decoder;
 use crate::file::File;
 use crate::{ImportError, Place};
-use image::{ImageReader, Limits};
 use oblate_surfels::{Texture, Wrap};
-use std::io::Cursor;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -18,13 +17,9 @@ pub(crate) fn decode(bytes: &[u8], wrap: [Wrap; 2]) -> Result<Texture, String> {
     let problem = |error: image::ImageError| {
         format!("the image cannot be decoded (PNG, JPEG or WebP is needed): {error}")
     };
-    let mut reader = ImageReader::new(Cursor::new(bytes))
-        .with_guessed_format()
-        .map_err(|error| problem(image::ImageError::IoError(error)))?;
-    let mut limits = Limits::default();
-    limits.max_alloc = Some(MEMORY_LIMIT.min(EXPANSION_LIMIT * bytes.len() as u64));
-    reader.limits(limits);
-    let image = reader.decode().map_err(problem)?.into_rgba8();
+    let format = image::guess_format(bytes).map_err(problem)?;
+    let most = MEMORY_LIMIT.min(EXPANSION_LIMIT * bytes.len() as u64);
+    let image = decoder::reader(bytes, format, most)?.decode().map_err(problem)?.into_rgba8();
     let (width, height) = (image.width() as usize, image.height() as usize);
     if width == 0 || height == 0 {
         return Err("the image has no texels".into());

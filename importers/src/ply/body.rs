@@ -27,6 +27,13 @@ impl<T> Column<T> {
     }
 }
 
+impl Column<f64> {
+    /// In single precision.
+    pub(crate) fn rounded(self) -> Column<f32> {
+        Column { values: self.values.into_iter().map(|value| value as f32).collect(), ends: self.ends }
+    }
+}
+
 /// Reads elements in the order of the header.
 #[derive(Clone)]
 pub(crate) struct Body<'a> {

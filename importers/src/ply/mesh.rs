@@ -3,10 +3,11 @@
 use super::body::{Body, Column};
 use super::header::{Element, Header, Kind};
 use crate::file::File;
-use crate::meshes::geometry::{decoded, fan, first_not_finite, mesh};
+use crate::meshes::geometry::{decoded, fan, first_not_finite, mesh, near_zero};
 use crate::meshes::texture;
+use crate::scalar::Scalar;
 use crate::{ImportError, OpenOptions, Place};
-use glam::{DAffine3, Vec2, Vec3, Vec4};
+use glam::{DAffine3, DVec3, Vec2, Vec3, Vec4};
 use oblate_surfels::{BaseColor, Mesh, Primitive, Wrap};
 
 /// Reads a mesh.
@@ -60,7 +61,7 @@ pub(super) fn read(file: &File, header: &Header, options: &OpenOptions) -> Resul
         material,
         alpha_cutoff: None,
         double_sided: true,
-        primitive_to_mesh: DAffine3::IDENTITY,
+        primitive_to_mesh: vertices.to_mesh,
     };
     mesh(file, vec![primitive])
 }
@@ -68,6 +69,8 @@ pub(super) fn read(file: &File, header: &Header, options: &OpenOptions) -> Resul
 /// What each vertex has.
 struct Vertices {
     positions: Vec<Vec3>,
+    /// Moves them to where they are.
+    to_mesh: DAffine3,
     normals: Option<Vec<Vec3>>,
     tex_coords: Option<Vec<Vec2>>,
     colors: Option<Vec<Vec4>>,
@@ -101,9 +104,25 @@ impl Vertices {
         if let Some(name) = NAMES.iter().find(|name| lists(name)) {
             return Err(file.malformed(Place::Whole, format!("vertex property {name:?} must not be a list")));
         }
-        let columns = body.gather::<f32>(element, &NAMES)?;
+        let are_rounded = NAMES[..3].iter().all(|name| element.kind(name).is_none_or(is_single));
+        let (columns, exact) = if are_rounded {
+            (body.gather::<f32>(element, &NAMES)?, None)
+        } else {
+            let columns = body.gather::<f64>(element, &NAMES)?;
+            let exact: Option<Vec<Vec<f64>>> =
+                columns[..3].iter().map(|column| Some(column.as_ref()?.values.clone())).collect();
+            (columns.into_iter().map(|column| column.map(Column::rounded)).collect(), exact)
+        };
         let Some(positions) = joined(file, &columns[0..3], "position")? else {
             return Err(file.malformed(Place::Whole, "element \"vertex\" must have properties x, y and z"));
+        };
+        let positions = positions.into_iter().map(Vec3::from_array);
+        let (positions, to_mesh) = match exact.as_deref() {
+            Some([x, y, z]) => {
+                let places = x.iter().zip(y).zip(z).map(|((x, y), z)| DVec3::new(*x, *y, *z));
+                near_zero(&places.collect::<Vec<_>>())
+            }
+            _ => (positions.collect(), DAffine3::IDENTITY),
         };
         let normals = joined(file, &columns[3..6], "normal")?;
         let pairs = [&columns[6..8], &columns[8..10], &columns[10..12]];
@@ -112,7 +131,8 @@ impl Vertices {
         let first_color = if columns[12].is_some() { 12 } else { 16 };
         let colors = colors(file, element, &NAMES[first_color..], &columns[first_color..first_color + 4])?;
         Ok(Self {
-            positions: positions.into_iter().map(Vec3::from_array).collect(),
+            positions,
+            to_mesh,
             normals: normals.map(|normals| normals.into_iter().map(Vec3::from_array).collect()),
             tex_coords: tex_coords.map(|pairs| pairs.into_iter().map(flipped).collect()),
             colors,
@@ -126,11 +146,18 @@ impl Vertices {
         }
         Self {
             positions: at(&self.positions, triangles),
+            to_mesh: self.to_mesh,
             normals: self.normals.as_ref().map(|values| at(values, triangles)),
             tex_coords: None,
             colors: self.colors.as_ref().map(|values| at(values, triangles)),
         }
     }
+}
+
+/// Whether numbers of a kind are as exact in single precision.
+fn is_single(kind: Kind) -> bool {
+    use Scalar::{F32, I8, I16, U8, U16};
+    matches!(kind, Kind::Scalar(F32 | I8 | I16 | U8 | U16))
 }
 
 /// With v downwards.

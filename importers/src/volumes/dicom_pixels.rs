@@ -1,13 +1,13 @@
 //! Stored numbers of a DICOM file's one frame: NEMA PS3.5, section 8 and annexes A.4 and G.
 
 use crate::Endian;
+use crate::decoder;
 use crate::file::File;
 use crate::scalar::numbers;
 use crate::volumes::dicom_data_set::{DataSet, Packing};
 use crate::{ImportError, Place};
-use image::{ImageDecoder, ImageFormat, ImageReader, Limits};
+use image::{ImageDecoder, ImageFormat};
 use std::borrow::Cow;
-use std::io::Cursor;
 
 const SAMPLES: u32 = 0x0028_0002;
 const PHOTOMETRIC: u32 = 0x0028_0004;
@@ -174,11 +174,8 @@ fn unpacked(mut segment: &[u8], count: usize) -> Result<Vec<u8>, String> {
 
 fn jpeg(bytes: &[u8], [columns, rows]: [u16; 2]) -> Result<Vec<u8>, String> {
     let problem = |error: image::ImageError| format!("JPEG: {error}");
-    let mut limits = Limits::default();
-    limits.max_alloc = Some(EXPANSION_LIMIT as u64 * bytes.len() as u64 + (1 << 16));
-    let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Jpeg);
-    reader.limits(limits);
-    let decoder = reader.into_decoder().map_err(problem)?;
+    let most = EXPANSION_LIMIT as u64 * bytes.len() as u64 + (1 << 16);
+    let decoder = decoder::reader(bytes, ImageFormat::Jpeg, most)?.into_decoder().map_err(problem)?;
     let (width, height) = decoder.dimensions();
     if decoder.color_type() != image::ColorType::L8 || [width, height] != [columns, rows].map(u32::from) {
         let found = format!("{width}x{height} samples of {:?}", decoder.color_type());

@@ -1,5 +1,5 @@
 use crate::common::{Folder, TEXELS, mesh, png, refused, tiny_png};
-use glam::{Vec2, Vec3, Vec4};
+use glam::{DAffine3, Vec2, Vec3, Vec4};
 use oblate_importers::OpenOptions;
 use oblate_surfels::{BaseColor, Wrap};
 
@@ -78,6 +78,57 @@ fn materials() {
     folder.write("a.png", tiny_png());
     let widths = folder.mesh("a.obj", two).primitives.into_iter().map(|p| p.material.texture.unwrap().width);
     assert_eq!(widths.collect::<Vec<_>>(), [2, 1]);
+}
+
+#[test]
+fn coordinates_of_maps_keep_their_digits() {
+    let corners = [
+        [500_000.125, 4_600_000.375, 12.5],
+        [500_003.25, 4_600_001.0, 13.0],
+        [500_001.0, 4_600_002.875, 12.0],
+    ];
+    let lines: String = corners.iter().map(|[x, y, z]| format!("{x} {y} {z}\n")).collect();
+    let obj = lines.lines().map(|line| format!("v {line}\n")).collect::<String>() + "f 1 2 3\n";
+    let ply = format!(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\nproperty double z\n\
+        element face 1\nproperty list uchar int vertex_indices\nend_header\n{lines}3 0 1 2\n"
+    );
+    for (name, text) in [("a.obj", obj), ("a.ply", ply)] {
+        let primitive = Folder::new().primitive(name, text);
+        for (position, corner) in primitive.positions.iter().zip(corners) {
+            let place = primitive.primitive_to_mesh.transform_point3(position.as_dvec3());
+            assert_eq!(place.to_array(), corner, "{name}");
+        }
+    }
+    // What is near stays as it stands.
+    let near = Folder::new().primitive("a.obj", "v 20 0 0\nv 21 0 0\nv 20 1 0\nf 1 2 3\n");
+    assert_eq!((near.positions[0], near.primitive_to_mesh), (Vec3::new(20.0, 0.0, 0.0), DAffine3::IDENTITY));
+}
+
+#[test]
+fn what_has_two_meanings_is_noted() {
+    let folder = Folder::new();
+    let noted = |materials: &str| {
+        folder.write("a.mtl", materials);
+        folder.open("a.obj", "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n").unwrap().notes
+    };
+    assert!(noted("newmtl a\nTr 0.25\n")[0].to_string().contains("Tr"));
+    for clear in ["newmtl a\nTr 0\n", "newmtl a\nTr 1.0\n", "newmtl a\nTr 0.25\nd 0.75\n"] {
+        assert!(noted(clear).is_empty(), "{clear}");
+    }
+}
+
+#[test]
+fn photographs_that_are_cut_off_are_refused() {
+    let mut jpeg = std::io::Cursor::new(Vec::new());
+    image::RgbImage::new(32, 32).write_to(&mut jpeg, image::ImageFormat::Jpeg).unwrap();
+    let jpeg = jpeg.into_inner();
+    let folder = Folder::new();
+    folder.write("my colours.mtl", COLOURS);
+    folder.write("a skin.png", &jpeg);
+    folder.mesh("a.obj", TWO);
+    folder.write("a skin.png", &jpeg[..jpeg.len() - 20]);
+    refused(folder.open("a.obj", TWO), "a skin.png", &["JPEG", "cut off"]);
 }
 
 #[test]

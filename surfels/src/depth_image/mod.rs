@@ -26,6 +26,9 @@ use oblate_engine::{Camera, CameraError, CloudError, Intrinsics, Pose, Projectio
 use rayon::prelude::*;
 use thiserror::Error;
 
+/// Depths along the axis whose inverse is no more are unknown.
+const LEAST_INVERSE: f32 = 1e-10;
+
 /// What the numbers of a depth image measure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DepthKind {
@@ -43,8 +46,8 @@ pub struct RgbdImage {
     pub size: [usize; 2],
     /// Linear Rec. 709, one for each pixel.
     pub colors: Vec<[f32; 3]>,
-    /// In world units, one for each pixel. What is not finite or not above 0 is unknown: nothing is drawn there. So is what is so small that
-    /// its inverse isn't finite.
+    /// In world units, one for each pixel. What is not above 0, or 1e10 or more, is unknown: nothing is drawn there. Some renderers write 1e10 where
+    /// they hit nothing. So is what is so small that its inverse isn't finite.
     pub depths: Vec<f32>,
     /// What they measure.
     pub kind: DepthKind,
@@ -76,7 +79,7 @@ pub enum DepthError {
         row: usize,
     },
     /// No pixel has a depth.
-    #[error("no pixel has a depth that is finite, above 0 and large enough for its inverse to be finite")]
+    #[error("no pixel has a depth that is above 0, below 1e10 and large enough for its inverse to be finite")]
     NoDepth,
     /// No camera takes such pictures.
     #[error("the camera of the depth image: {0}")]
@@ -141,7 +144,8 @@ impl RgbdImage {
     /// The depth of a pixel along the axis; 0 where unknown.
     #[inline(always)]
     fn along_axis(&self, at: usize, depth: f32) -> f32 {
-        let known = |depth: f32| if 1.0 / depth > 0.0 && 1.0 / depth < f32::INFINITY { depth } else { 0.0 };
+        let known =
+            |depth: f32| if 1.0 / depth > LEAST_INVERSE && 1.0 / depth < f32::INFINITY { depth } else { 0.0 };
         match self.kind {
             DepthKind::AlongAxis => known(depth),
             DepthKind::AlongRay => {

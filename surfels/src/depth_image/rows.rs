@@ -1,7 +1,7 @@
 //! The numbers of an image, each in rows of its own.
 
 use super::lanes::*;
-use super::{DepthError, DepthKind, RgbdImage};
+use super::{DepthError, DepthKind, LEAST_INVERSE, RgbdImage};
 use oblate_engine::simd::{Level, dispatch};
 use rayon::prelude::*;
 
@@ -11,8 +11,8 @@ pub(super) struct ImageRows {
     /// Inverse depths along the axis, 0 where unknown.
     pub(super) inverses: Bordered,
     pub(super) colors: [Bordered; 3],
-    /// Of all depths that are known.
-    pub(super) depth_sum: f64,
+    /// Of all inverse depths.
+    pub(super) inverse_sum: f64,
 }
 
 impl ImageRows {
@@ -29,12 +29,12 @@ impl ImageRows {
         };
         // Summed by rows: the same for any number of threads.
         let sums: Vec<Result<f64, DepthError>> = rows.map(sum_of).collect();
-        let depth_sum = sums.into_iter().sum::<Result<f64, _>>()?;
-        Ok(Self { inverses, colors, depth_sum })
+        let inverse_sum = sums.into_iter().sum::<Result<f64, _>>()?;
+        Ok(Self { inverses, colors, inverse_sum })
     }
 }
 
-/// Takes in a row of an image: inverse depths, 0 where unknown, and colours. Gives the sum of the depths.
+/// Takes in a row of an image: inverse depths, 0 where unknown, and colours. Gives the sum of the inverse depths.
 #[inline(always)]
 fn take_in<S: Simd>(
     simd: S,
@@ -53,6 +53,7 @@ fn take_in<S: Simd>(
         image.check_colors(row)?;
     }
     let (zero, one, infinity) = (splat(simd, 0.0), splat(simd, 1.0), splat(simd, f32::INFINITY));
+    let least = splat(simd, LEAST_INVERSE);
     let mut sum = zero;
     let groups = image.depths[first..][..width].chunks(LANES).zip(inverses.chunks_exact_mut(LANES));
     for (group, (own, inverses)) in groups.enumerate() {
@@ -66,9 +67,10 @@ fn take_in<S: Simd>(
         let depth = F::from_slice(simd, &depths);
         let inverse = one / depth;
         // As in [`RgbdImage::along_axis`].
-        let is_known = inverse.simd_gt(zero) & inverse.simd_lt(infinity);
-        is_known.select(inverse, zero).store_slice(inverses);
-        sum += is_known.select(depth, zero);
+        let is_known = inverse.simd_gt(least) & inverse.simd_lt(infinity);
+        let inverse = is_known.select(inverse, zero);
+        inverse.store_slice(inverses);
+        sum += inverse;
     }
     let sums: [f32; LANES] = sum.into();
     Ok(sums.into_iter().map(f64::from).sum())

@@ -26,7 +26,8 @@ const INTO_UNKNOWN: f32 = 0.2;
 /// is closed.
 const COVERAGE_FLOOR: f32 = 0.05;
 
-/// How far apart samples of one layer may lie, in widths of a pixel at the mean depth: what depth cameras are uncertain by across a room.
+/// How far apart samples of one layer may lie, in widths of a pixel at the harmonic mean of the depths: what depth cameras are uncertain by
+/// across a room. Of the arithmetic mean a little sky makes so much that what is near and what is behind it are one layer.
 const DEPTH_TOLERANCE: f64 = 16.0;
 
 /// The variance of the low-pass filter, in px², with which a photograph is best seen from nearby: its pixels are means over squares of a
@@ -113,7 +114,7 @@ impl<'a> Maker<'a> {
         settings: &DepthSettings,
         share: Option<Share>,
     ) -> Result<(), DepthError> {
-        let mean_depth = self.rows.depth_sum / self.squares.pixels() as f64;
+        let mean_depth = self.squares.pixels() as f64 / self.rows.inverse_sum;
         let pixel_width = mean_depth / self.image.intrinsics.focal.min_element();
         let look = SurfelLook {
             color: None,
