@@ -2,10 +2,12 @@
 
 mod kept;
 
+use crate::frame::LEAST_SHOWN;
 use crate::simd::*;
 use crate::tile::{MAX_BLOCKS, PIXELS, Plane, Tile};
 
 pub(crate) use kept::KeptCuts;
+use std::borrow::Cow;
 
 /// The most layers of a pixel; the last takes whatever is left. Meshes end at eight, along their silhouettes: this is
 /// for clouds of points so far away that hundreds of them share a pixel, each at a depth of its own.
@@ -43,6 +45,17 @@ impl Cut {
         record: [Self::NO_NUMBER; PIXELS],
         cloud: [Self::NO_NUMBER; PIXELS],
     };
+
+    /// Takes what another is at a pixel.
+    fn take(&mut self, other: &Self, pixel: usize) {
+        let Self { depth, alpha, color, normal, record, cloud } = self;
+        depth.0[pixel] = other.depth.0[pixel];
+        alpha.0[pixel] = other.alpha.0[pixel];
+        for (own, other) in color.iter_mut().chain(normal).zip(other.color.iter().chain(&other.normal)) {
+            own.0[pixel] = other.0[pixel];
+        }
+        (record[pixel], cloud[pixel]) = (other.record[pixel], other.cloud[pixel]);
+    }
 }
 
 /// What the cuts of a block mean for a volume.
@@ -112,6 +125,19 @@ impl Cuts {
     pub(crate) fn layers(&self, block: usize) -> impl Iterator<Item = &Cut> {
         let BlockCuts { first, layers, .. } = self.sums.blocks[block];
         self.cuts[first..first + layers].iter()
+    }
+
+    /// Of each pixel of a block the first cut that shows.
+    pub(crate) fn first_shown(&self, block: usize) -> Cow<'_, Cut> {
+        let first = self.layers(block).next().unwrap_or(&Cut::NONE);
+        let is_clear =
+            |pixel: &usize| first.alpha.0[*pixel] < LEAST_SHOWN && first.depth.0[*pixel] < f32::INFINITY;
+        let mut shown = Cow::Borrowed(first);
+        for pixel in (0..PIXELS).filter(is_clear) {
+            let behind = self.layers(block).find(|cut| cut.alpha.0[pixel] >= LEAST_SHOWN);
+            shown.to_mut().take(behind.unwrap_or(&Cut::NONE), pixel);
+        }
+        shown
     }
 
     /// The depths at which a segment of a block ends.

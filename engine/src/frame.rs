@@ -14,6 +14,9 @@ pub enum Channels {
     All,
 }
 
+/// The opacity from which on a layer is a surface.
+pub(crate) const LEAST_SHOWN: f32 = 1e-6;
+
 /// A picture of `width * height` pixels, rows from top to bottom.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Frame {
@@ -23,16 +26,16 @@ pub struct Frame {
     pub height: usize,
     /// Linear Rec. 709, premultiplied, and alpha.
     pub color: Vec<[f32; 4]>,
-    /// z of the first surface layer, however little it covers; infinity where there is none.
+    /// z of the first surface layer that shows, by a millionth at least; infinity where there is none. What is cut out, or clear, is none.
     pub depth: Vec<f32>,
     /// Mean z of what is seen, weighted by its contribution, the background left out; infinity where
     /// nothing is seen.
     pub expected_depth: Vec<f32>,
     /// z at which the transmittance has fallen to a half; infinity where more than half passes.
     pub median_depth: Vec<f32>,
-    /// Unit normal of the first surface layer in the world, on the side that is seen; zero where there is none.
+    /// Unit normal of that layer in the world, on the side that is seen; zero where there is none.
     pub normal: Vec<[f32; 3]>,
-    /// Id of the front-most surface splat, counted through the scene's clouds, of one that stands for several that of its
+    /// Id of the front-most splat of that layer, counted through the scene's clouds, of one that stands for several that of its
     /// first; [`Frame::NO_ID`] where there is none.
     pub id: Vec<u32>,
 }

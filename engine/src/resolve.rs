@@ -80,8 +80,7 @@ impl Resolver<'_> {
                 colors[row * tile.side + left..][..BLOCK_SIDE].copy_from_slice(pixels);
             }
             if has_rest {
-                let cut = cuts.layers(block).next().unwrap_or(&Cut::NONE);
-                rests[block] = self.rest(simd, seen, cut);
+                rests[block] = self.rest(simd, seen, &cuts.first_shown(block));
             }
         }
         let [width, height] = tile.size;

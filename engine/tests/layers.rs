@@ -81,6 +81,43 @@ fn twelve_sheets_in_thin_fog_are_r1s() {
 }
 
 /// Of 67 sheets, a quarter of the light passes all; in a picture so many pixels wide, which is R1's.
+/// A sheet of which the left half is cut out, before a wall of half its width: what shows first is the sheet, the wall or nothing.
+#[test]
+fn what_is_cut_out_is_no_surface() {
+    let mut splats = plane(50, 0.05, [1.0; 3]).splats();
+    let Strength::Surface(surface) = &mut splats.strength else { unreachable!("they are surfels") };
+    surface.opacities =
+        Some(splats.centers.iter().map(|center| f32::from(u8::from(center.x > 0.0))).collect());
+    let sheet = Cloud::new(splats).unwrap();
+    let mut wall = plane(50, 0.05, [0.5; 3]).splats();
+    for center in &mut wall.centers {
+        center.y = 0.5 * center.y - 0.625;
+    }
+    let wall = Cloud::new(wall).unwrap().transformed(tilted(0.0, DVec3::Z));
+    let camera = camera(3.6, 32);
+    let clouds = [sheet.transformed(tilted(0.0, DVec3::ZERO)), wall];
+    for frame in [draw(clouds.to_vec(), &camera, &unshaded()), r1(&clouds, &camera, &unshaded())] {
+        for (pixel, color) in frame.color.iter().enumerate() {
+            let [x, y] =
+                [pixel % 32, pixel / 32].map(|at| (at as f64 + 0.5 - 16.0) / camera.intrinsics().focal.x);
+            // Edges, at 3.6 and 4.6 before the camera, are a few surfels wide.
+            if (x * 3.6).abs() < 0.2 || (y * 4.6).abs() < 0.2 {
+                continue;
+            }
+            let is_cut_out = color[3] < 0.5 || frame.depth[pixel] > 4.0;
+            let expected = [3.6, 4.6, f64::INFINITY];
+            let found = f64::from(frame.depth[pixel]);
+            let matches = |expected: f64| found == expected || (found - expected).abs() < 1e-3;
+            assert!(expected.into_iter().any(matches), "{pixel}: {found}");
+            let shows = frame.id[pixel] != Frame::NO_ID && frame.normal[pixel] != [0.0; 3];
+            assert_eq!((color[3] > 0.5, is_cut_out), (shows, !matches(3.6)), "{pixel}: {color:?} at {found}");
+        }
+        let count = |depth: f64| frame.depth.iter().filter(|z| (f64::from(**z) - depth).abs() < 1e-3).count();
+        assert!(count(3.6) > 400 && count(4.6) > 150, "{} and {}", count(3.6), count(4.6));
+        assert!(frame.depth.iter().filter(|z| **z == f32::INFINITY).count() > 150);
+    }
+}
+
 fn opacity_of_67_sheets(pixels: u32) -> f64 {
     let sheets = stack(67, 0.02, 0.05);
     let pose = Pose::look_at(DVec3::Z * -5.0, DVec3::ZERO, DVec3::Y).unwrap();

@@ -6,6 +6,7 @@ use super::shading::Spot;
 use super::splats::{Kernel, Setup, Splat, Surfel};
 use super::stochastic::Chance;
 use super::view::Ray;
+use crate::frame::LEAST_SHOWN;
 use glam::DVec3;
 
 /// What was seen so far along a ray; everything is premultiplied.
@@ -43,6 +44,11 @@ pub(super) struct FirstSurface {
     pub(super) id: u32,
     /// In camera space, any length.
     pub(super) normal: DVec3,
+}
+
+/// Whether a layer is a surface.
+fn shows(layer: &Layer) -> bool {
+    layer.alpha >= f64::from(LEAST_SHOWN)
 }
 
 /// The splats that rays of one block can meet, and room to work in.
@@ -121,7 +127,9 @@ impl<'s, 'a> Tracer<'s, 'a> {
             }
             march.advance(to, &mut path);
             let Some(layer) = layer else { break };
-            first.get_or_insert(FirstSurface { z: layer.z, id: layer.id, normal: layer.normal });
+            if first.is_none() && shows(&layer) {
+                first = Some(FirstSurface { z: layer.z, id: layer.id, normal: layer.normal });
+            }
             path.over(layer.alpha, shaded(self.setup, &layer, ray), layer.z);
             if path.transmittance <= OPAQUE {
                 break;
@@ -157,7 +165,7 @@ impl<'s, 'a> Tracer<'s, 'a> {
     /// The first surface of a ray.
     pub(super) fn first_surface(&mut self, ray: &Ray) -> Option<FirstSurface> {
         self.take_samples(ray);
-        let layer = layers(&mut self.samples).next()?;
+        let layer = layers(&mut self.samples).find(shows)?;
         Some(FirstSurface { z: layer.z, id: layer.id, normal: layer.normal })
     }
 

@@ -8,6 +8,7 @@ use crate::closed::Closed;
 use crate::cloud::{Cloud, Material, OpacityFilter, Shapes, Splats, Strength, Surface, oblate_factor};
 use crate::columns::LANES;
 use crate::footprint::{Form, Kind, Lens, Record, Records, Rect};
+use crate::frame::LEAST_SHOWN;
 use crate::order::Keys;
 use crate::scene::{FootprintForm, Order};
 use glam::{DAffine3, DMat3, DVec2, DVec3, Mat3, Vec3};
@@ -473,7 +474,11 @@ fn compare(scene: &Scene, camera: &Camera, settings: &RenderSettings, level: Lev
         let found = frame.color[place].map(f64::from);
         let error = (0..4).map(|i| (found[i] - expected.color[i]).abs()).fold(0.0, f64::max);
         (worst, share) = (worst.max(error), share.max(error / expected.bound));
-        let (depth, id) = expected.cuts.first().map_or((f64::INFINITY, Frame::NO_ID), |cut| (cut.z, cut.id));
+        let (depth, id) = expected
+            .cuts
+            .iter()
+            .find(|cut| cut.alpha >= f64::from(LEAST_SHOWN))
+            .map_or((f64::INFINITY, Frame::NO_ID), |cut| (cut.z, cut.id));
         let depth_found = f64::from(frame.depth[place]);
         let is_depth_off = depth != depth_found && (depth - depth_found).abs() > 1e-5 * depth;
         if error > expected.bound || is_depth_off {
