@@ -7,8 +7,8 @@ mod scenes;
 use glam::{DAffine3, DVec3};
 use oblate_engine::simd::Level;
 use oblate_engine::{
-    Camera, Closed, Cloud, Frame, Order, Pose, Projection, ReferenceKind, RenderSettings, Renderer, Scene,
-    Strength, reference,
+    Camera, Closed, Cloud, Frame, Light, Order, Pose, Projection, ReferenceKind, RenderSettings, Renderer,
+    Scene, Strength, reference,
 };
 use scenes::{draw, sphere, unshaded};
 
@@ -151,6 +151,40 @@ fn depths_in_fog_around_the_eye_are_where_light_is_lost() {
                         "{what}: mean {mean}, median {median}, not {expected:?}"
                     );
                 }
+            }
+        }
+    }
+}
+
+/// With parallel rays the eye is nowhere: what lies behind it shows the side, and has the light, that it has from farther back.
+#[test]
+fn parallel_rays_show_what_is_behind_the_eye_as_from_farther_back() {
+    let scene = Scene {
+        clouds: vec![ball(Closed::Nowhere)],
+        lights: vec![Light::Directional { towards: DVec3::new(0.3, 0.6, -0.8), color: [1.0; 3] }],
+    };
+    let pictures = [0.0, -5.0].map(|z| {
+        let camera = camera_of(DVec3::new(0.0, 0.0, z), Some(2.4)).with_near(-5.0 - z).unwrap();
+        let settings = RenderSettings::default();
+        let frame = oblate_engine::render(&scene, &camera, &settings, &()).unwrap();
+        let exact = reference(&scene, &camera, &settings, ReferenceKind::R1, &|_| ()).unwrap();
+        [(frame, z), (exact, z)]
+    });
+    let [within, back] = pictures;
+    for ((within, z), (back, from)) in within.iter().zip(&back) {
+        assert!(back.color.iter().filter(|color| color[3] > 0.99).count() > 500);
+        for (pixel, color) in back.color.iter().enumerate() {
+            // Single precision has the ball's places from −1 to 1 as exactly as those from 4 to 6, or more so.
+            let off = (0..4).map(|c| (color[c] - within.color[pixel][c]).abs()).fold(0.0, f32::max);
+            assert!(off < 2e-3, "{pixel}: {:?}, not {color:?}", within.color[pixel]);
+            if color[3] > 0.99 {
+                let turned =
+                    (0..3).map(|axis| back.normal[pixel][axis] * within.normal[pixel][axis]).sum::<f32>();
+                let farther = f64::from(back.depth[pixel] - within.depth[pixel]);
+                assert!(
+                    turned > 0.999 && (farther - (z - from)).abs() < 1e-3,
+                    "{pixel}: {turned}, {farther}"
+                );
             }
         }
     }

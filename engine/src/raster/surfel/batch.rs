@@ -116,7 +116,7 @@ impl Surfels {
         self.masks = outlines.blocks(simd, tile, u64::MAX, rect);
         for first in (0..count).step_by(LANES) {
             let made = (&mut self.each, &mut self.slants, &mut self.looks);
-            sides.set(simd, (first, outlines, &self.line), made);
+            sides.set(simd, lens, (first, outlines, &self.line), made);
         }
         taken
     }

@@ -119,6 +119,7 @@ impl Sides {
     pub(super) fn set<S: Simd>(
         &self,
         simd: S,
+        lens: &SurfelLens,
         (first, outlines, line): (usize, &Outlines, &[Column; 3]),
         (surfels, slants, looks): (&mut [Surfel; BATCH], &mut [Slant; BATCH], &mut [Look; BATCH]),
     ) {
@@ -132,7 +133,9 @@ impl Sides {
         let is_exact = (own & IS_EXACT).simd_ne(none);
         let spread = is_exact.select(eight(simd, &outlines.spread, first), zero);
         let facing = eight(simd, &self.facing, first);
-        let away = (facing * depth).simd_gt(zero).select(u32x8::simd_from(simd, FACES_AWAY), none);
+        // n·v as it is, and by z of the centre where rays meet in the eye.
+        let away = if lens.is_perspective { facing * depth } else { facing };
+        let away = away.simd_gt(zero).select(u32x8::simd_from(simd, FACES_AWAY), none);
         let [x, y, z] = eight_of(simd, &self.normal, first);
         let [reach, farthest_offset, thickness] = eight_of(simd, &self.reaches, first);
         let [at_first, a, b] = eight_of(simd, &self.along, first);
