@@ -470,9 +470,48 @@ pub(crate) fn normalize_or_zero<S: Simd, F: Floats<S>>(simd: S, v: [F; 3]) -> [F
     )
 }
 
+/// The unit vector along v, however long that is up to 1e38; zero where v is.
+#[inline(always)]
+pub(crate) fn direction_or_zero<S: Simd, F: Floats<S>>(simd: S, v: [F; 3]) -> [F; 3] {
+    const EXPONENT: u32 = 0x7f80_0000;
+    let largest = v[0].abs().max(v[1].abs()).max(v[2].abs());
+    // 1 over the power of two below it, by which nothing is rounded.
+    let inverse = F::from_bits(
+        F::Bits::simd_from(simd, 0x7f00_0000) - (largest.to_bits() & F::Bits::simd_from(simd, EXPONENT)),
+    );
+    normalize_or_zero(
+        simd,
+        v.each(
+            #[inline(always)]
+            |x| x * inverse,
+        ),
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn directions_are_those_of_vectors_of_any_length() {
+        for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
+            for length in [1e-37, 1e-30, 1e-18, 0.3, 1.0, 7.0, 1e18, 1e30, 1e38] {
+                dispatch!(level, simd => {
+                    let v = [0.48, -0.6, 0.64].map(|x: f32| V::simd_from(simd, x * length));
+                    let found: [[f32; LANES_OF_V]; 3] = direction_or_zero(simd, v).map(|x| x.into());
+                    for (found, expected) in found.iter().flatten().zip([0.48_f32, -0.6, 0.64].into_iter().flat_map(|x| [x; LANES_OF_V])) {
+                        assert!((found - expected).abs() < 3e-7, "{level:?}: {found}, not {expected}, at {length:e}");
+                    }
+                });
+            }
+            dispatch!(level, simd => {
+                let found: [[f32; LANES_OF_V]; 3] = direction_or_zero(simd, [V::simd_from(simd, 0.0); 3]).map(|x| x.into());
+                assert_eq!(found, [[0.0; LANES_OF_V]; 3]);
+            });
+        }
+    }
+
+    const LANES_OF_V: usize = 8;
 
     /// Compares a function with f64 on every level: the error at x must stay within `bound`.
     macro_rules! check {

@@ -515,3 +515,21 @@ fn few_colors_are_shown_as_many_are() {
         assert!(few.iter().any(|color| color[3] > 0.5), "{count} colours: nothing shows");
     }
 }
+
+/// A ball is the same picture however large it is, made so or scaled: by rounding alone, powers of two would change nothing.
+#[test]
+fn sizes_change_nothing() {
+    let lit = RenderSettings::default();
+    let ball = |size: f32| lambert(&sphere(4000, size, [0.8, 0.5, 0.2]));
+    let expected = draw(vec![ball(1.0)], &camera(6.0, 48), &lit);
+    for size in [1e-12, 1e-9, 1e-5, 1e5, 1e9, 1e12] {
+        let made = ball(size as f32);
+        let scaled = ball(1.0).transformed(DAffine3::from_scale(DVec3::splat(size)));
+        for cloud in [made.clone(), scaled, made.with_levels_for(1.0 / 255.0)] {
+            let frame = draw(vec![cloud], &camera(6.0 * size, 48), &lit);
+            for (found, expected) in frame.color.iter().flatten().zip(expected.color.iter().flatten()) {
+                assert!((found - expected).abs() < 2e-3, "{found}, not {expected}, {size:e} in size");
+            }
+        }
+    }
+}

@@ -27,7 +27,7 @@ pub(super) struct WideProjector<'a> {
     perspective: bool,
     focal: [f32; 2],
     principal: [f32; 2],
-    /// The linear part of cloud to camera, and its cofactors with the sign of its determinant.
+    /// The linear part of cloud to camera, and its cofactors with the sign of its determinant, times a power of two.
     to_camera: Rows,
     normal_to_camera: Rows,
     /// The half-axes of all splats in camera space, where they share them.
@@ -36,8 +36,8 @@ pub(super) struct WideProjector<'a> {
     handedness: f32,
     /// What strengths are multiplied by: the volume's or area's scale, and the cut-off's gain.
     strength_scale: f32,
-    /// Of a surface that keeps its proportions, 1 over what areas grow by.
-    per_area_scale: f32,
+    /// Of a surface that keeps its proportions, 1 over what areas grow by, and over that power.
+    per_normal_scale: f32,
     /// A cloud that is stretched unevenly has another area scale for each surfel.
     is_even: bool,
     cutoff: f32,
@@ -72,11 +72,16 @@ impl<'a> WideProjector<'a> {
         let cutoff = settings.cutoff_of(&scalar.columns.kind);
         let gain = cutoff_gain(cutoff);
         let linear = scalar.cloud_to_camera.matrix3;
+        let area_scale = scalar.determinant.cbrt().powi(2);
         let strength_scale = match scalar.columns.kind {
             columns::Kind::Extinction => scalar.determinant * gain,
             columns::Kind::Opacity(_) => 1.0,
-            columns::Kind::Surface(_) => scalar.determinant.cbrt().powi(2) * gain,
+            columns::Kind::Surface(_) => area_scale * gain,
         };
+        // Squares of normals are within single precision then, and nothing is rounded.
+        let largest =
+            scalar.normal_to_camera.to_cols_array().into_iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+        let unit = largest.clamp(1e-60, 1e60).log2().floor().exp2().recip();
         let is_surface = matches!(scalar.columns.kind, columns::Kind::Surface(_));
         Self {
             scalar,
@@ -84,14 +89,14 @@ impl<'a> WideProjector<'a> {
             focal: lens.focal.as_vec2().to_array(),
             principal: lens.principal.as_vec2().to_array(),
             to_camera: rows(linear),
-            normal_to_camera: rows(scalar.normal_to_camera),
+            normal_to_camera: rows(scalar.normal_to_camera * unit),
             shared_axes: match scalar.columns.factors {
                 Factors::Shared(factor) => rows((linear * factor.as_dmat3()).transpose()),
                 Factors::Each { .. } => Rows::default(),
             },
             handedness: linear.determinant().signum() as f32,
             strength_scale: strength_scale as f32,
-            per_area_scale: scalar.determinant.cbrt().powi(2).max(f64::MIN_POSITIVE).recip() as f32,
+            per_normal_scale: (unit * area_scale.max(f64::MIN_POSITIVE)).recip() as f32,
             is_even: !is_surface || is_similarity(linear),
             cutoff: cutoff as f32,
             low_pass: lens.filter_sigma.powi(2) as f32,

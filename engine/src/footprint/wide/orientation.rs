@@ -28,9 +28,9 @@ impl WideProjector<'_> {
         match spread {
             Some(spread) => Self::transform(simd, &self.normal_to_camera, spread.area).each(
                 #[inline(always)]
-                |n| n * self.per_area_scale,
+                |n| n * self.per_normal_scale,
             ),
-            None => normalize_or_zero(simd, cross(*a, *b)).each(
+            None => direction_or_zero(simd, cross(*a, *b)).each(
                 #[inline(always)]
                 |n| n * self.handedness,
             ),
