@@ -158,7 +158,7 @@ pub(crate) fn assemble(
     Ok(Assembled { scene: Scene { clouds, lights }, camera, view, origins })
 }
 
-/// The splats of a volume at a place; says if there are none.
+/// The splats of a volume at a place; says of what there are none.
 fn shown_of(
     field: Field<'_>,
     (name, look, place): (&str, &Look, DAffine3),
@@ -167,10 +167,18 @@ fn shown_of(
     let _task = console.task(format!("splats of {name}"));
     let paint = Paint::read(look, place, console)?;
     let shown = volume_clouds(field, look, paint.as_ref()).with_context(|| name.to_owned())?;
-    if shown.iter().all(Cloud::is_empty) {
+    let range = || {
         let values = field.values().value_range();
-        let range = values.map_or("no finite value".into(), |[a, b]| format!("values {a} to {b}"));
-        console.say(format_args!("{name}: nothing in it is visible ({range})"));
+        values.map_or("no finite value".into(), |[a, b]| format!("values {a} to {b}"))
+    };
+    if shown.iter().all(Cloud::is_empty) {
+        console.say(format_args!("{name}: nothing in it is visible ({})", range()));
+    } else {
+        // Surfaces come first.
+        let surfaces = look.iso.iter().flatten().zip(&shown);
+        for (value, _) in surfaces.filter(|(_, surface)| surface.is_empty()) {
+            console.say(format_args!("{name}: there is no surface at {value} ({})", range()));
+        }
     }
     Ok(shown)
 }

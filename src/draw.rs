@@ -37,6 +37,14 @@ impl Drawing {
         ensure!(options.samples.is_none() || choice == Reference::R2, "--samples is for --reference r2");
         ensure!(options.thickness_has_use(), "--slab-thickness is for --order slabs");
         ensure!(options.budget_has_use(), "--budget is kept by --level-of-detail on");
+        for (what, is_asked) in
+            [("--budget", options.budget.is_some()), ("--show forms", options.show == Some(Show::Forms))]
+        {
+            ensure!(
+                !is_asked || choice == Reference::Off,
+                "a reference draws every splat as it is; leave out {what}"
+            );
+        }
         let samples = options.samples.unwrap_or(SAMPLES);
         Ok(Self {
             size: options.size.unwrap_or([SIDE; 2]),

@@ -2,7 +2,7 @@
 
 use crate::description::CameraOptions;
 use crate::notation::comma_list;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use glam::{DMat3, DVec2, DVec3};
 use oblate::engine::{Camera, Pose};
 use rayon::prelude::*;
@@ -43,6 +43,11 @@ impl View {
         let [eye, target, up_given] = [options.eye, options.target, options.up].map(|v| v.map(DVec3::from));
         let middle = middle(reach);
 
+        if let (Some(eye), Some(target)) = (eye, target)
+            && eye == target
+        {
+            bail!("camera: eye and target are both {eye}; a direction to look in needs two places");
+        }
         // The direction from the target to the eye.
         let outward = match eye {
             Some(eye) => eye - target.unwrap_or(middle),

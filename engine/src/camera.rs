@@ -129,6 +129,10 @@ impl Camera {
     /// # Errors
     /// When the height or the size is outside its range.
     pub fn orthographic(pose: Pose, height: f64, size: [u32; 2]) -> Result<Self, CameraError> {
+        if !(height > 0.0 && height.is_finite()) {
+            let expected = "it must be finite and above 0";
+            return Err(CameraError::Value { what: "height", value: height, expected });
+        }
         let intrinsics = Intrinsics { focal: DVec2::splat(f64::from(size[1]) / height), center: half(size) };
         Self::from_intrinsics(pose, intrinsics, Projection::Orthographic, size)
     }

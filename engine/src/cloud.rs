@@ -41,7 +41,8 @@ pub enum Strength {
         /// A mass for each splat.
         masses: Vec<f32>,
     },
-    /// Kernels with a peak opacity in [0, 1], the same from every side, as in trained Gaussian scenes.
+    /// Kernels with a peak opacity in [0, 1], the same from every side, as in trained Gaussian scenes. What the near plane cuts off is missing: of
+    /// one that reaches to the eye the rest is less opaque.
     Opacity {
         /// A peak opacity for each splat.
         peaks: Vec<f32>,
@@ -127,7 +128,7 @@ pub struct Splats {
     /// Unit normals for shading in cloud space; a zero vector, or `None` for all, is a splat without one,
     /// which returns ambient light alone, or, on a surface, takes the normal of its shape.
     pub normals: Option<Vec<Vec3>>,
-    /// How the splats answer light.
+    /// How the splats answer light; [`Material::UNLIT`] of trained splats, whose colours have their light in them.
     pub material: Material,
 }
 

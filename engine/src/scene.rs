@@ -160,7 +160,7 @@ pub struct RenderSettings {
     /// Behind everything: linear Rec. 709, not premultiplied, finite; and alpha from 0 to 1.
     pub background: [f32; 4],
     /// The largest error of a channel that is aimed at, from 0 to 1. Each shortcut may use a share of it; together they are judged by
-    /// [`crate::settle()`].
+    /// [`crate::settle()`], which also finds where splats end: by itself no kernel reaches beyond [`Self::cutoff`], however small this is.
     pub tolerance: f64,
     /// Squared Mahalanobis radius at which kernels are cut off, from 1 to 100; their mass is renormalised. [`crate::settle()`] may find another.
     pub cutoff: f64,

@@ -8,7 +8,7 @@ use crate::picture::{Format, write_animation};
 use crate::progress::Console;
 use crate::stats::{median, milliseconds, peak_mib, rounded, timed};
 use anyhow::{Context, Result, bail, ensure};
-use clap::Args;
+use clap::{ArgGroup, Args};
 use glam::{DAffine3, DQuat, DVec2};
 use oblate::engine::{
     Blend, Camera, Channels, Frame, Intrinsics, Pose, Projection, RenderSettings, Renderer, Scene,
@@ -21,14 +21,15 @@ use std::time::Duration;
 
 /// Draws photographs with depths as they look from elsewhere: every pixel a surfel as large as it is on the surface that it shows.
 ///
-/// What no photograph shows stays transparent; --fill guesses it from the background. The camera of the new view is that of the first
+/// What no photograph shows stays transparent; --fill guesses what things hid, from the background beside them. The camera of the new view is that of the first
 /// photograph, standing elsewhere.
 #[derive(Args)]
+#[command(group = ArgGroup::new("view").args(["to", "sequence"]).required(true))]
 pub(crate) struct WarpArgs {
     #[command(flatten)]
     inputs: DepthInputs,
     /// Where the new view is taken from, as in --pose
-    #[arg(long, value_name = "FILE[:N]", conflicts_with = "sequence", required_unless_present = "sequence")]
+    #[arg(long, value_name = "FILE[:N]")]
     to: Option<String>,
     /// A file of poses to go through: writes an animated PNG, which browsers play, and its frames beside it
     #[arg(long, value_name = "FILE")]
@@ -42,7 +43,7 @@ pub(crate) struct WarpArgs {
     /// Pixels of the new picture, which shows the same angle of view [default: those of the first photograph]
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<[u32; 2]>,
-    /// Fills what no photograph shows from the background beside it
+    /// Fills what things hid in the photographs, from the background beside it; beyond their borders nothing is made up
     #[arg(long)]
     fill: bool,
     /// The picture, .png or .exr; .png of a sequence
@@ -161,7 +162,14 @@ impl WarpArgs {
     fn camera(&self, image: &RgbdImage, pose: Pose) -> Result<Camera> {
         let own = image.size.map(|side| side as f64);
         let size = match self.size {
-            Some(size) => size,
+            Some([width, height]) => {
+                let is_one = |side: u32| (1..=u32::from(u16::MAX)).contains(&side);
+                ensure!(
+                    is_one(width) && is_one(height),
+                    "--size is {width}x{height}; it must be 1 to 65535 pixels on each side"
+                );
+                [width, height]
+            }
             None => image.camera()?.size(),
         };
         let scale = DVec2::from(size.map(f64::from)) / DVec2::from(own);

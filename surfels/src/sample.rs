@@ -20,7 +20,7 @@ pub enum Density {
     /// The distance between neighbours in mesh units, above 0: the square root of the area that a surfel
     /// stands for.
     Spacing(f64),
-    /// About this many, above 0: within a tenth where the surface is smooth; more where parts or faces are
+    /// About this many, above 0: of hundreds and more within a tenth where the surface is smooth, of fewer within a quarter or a few more; more where parts or faces are
     /// smaller than a surfel, since each gets one of its own.
     Count(usize),
 }
@@ -87,7 +87,7 @@ const APART: f64 = 0.5;
 /// are where the mesh is opaque and [`Mesh::is_closed`], since nobody outside sees them.
 ///
 /// # Errors
-/// When the mesh has no area, an array of it is inconsistent, a number is not finite, the density is not
+/// When the mesh has no area, an array of it is inconsistent, a number is not finite (but for normals: a triangle has its own then), the density is not
 /// above 0, or sizes are beyond single precision.
 pub fn sample(mesh: &Mesh, density: Density, settings: &SamplerSettings) -> Result<Cloud, SampleError> {
     mesh.check()?;

@@ -60,7 +60,7 @@ pub struct GridFrame {
     pub spacing: DVec3,
     /// World position of sample (0, 0, 0).
     pub origin: DVec3,
-    /// Unit directions of the grid's axes in the world, as columns; invertible.
+    /// Directions of the grid's axes in the world, as columns; invertible. Where they aren't unit vectors they stretch the spacing.
     pub direction: DMat3,
 }
 

@@ -2,8 +2,9 @@
 //!
 //! What is picked is where half of what is seen along the ray lies in front: with T the transmittance at a depth and T∞ behind
 //! everything, where T falls to (1 + T∞)/2. On an opaque surface that is the surface, in an opaque volume where
-//! [`crate::Frame::median_depth`] is, and in a faint one still its middle. At a surface layer the splat is its front-most one, whose id
-//! [`crate::Frame::id`] holds; in a volume the kernel that takes most of the light there; where kernels are composited by their
+//! [`crate::Frame::median_depth`] is, and in a faint one still its middle. At a surface layer the splat is its front-most one, most often the one
+//! whose id [`crate::Frame::id`] holds (that is of the first layer that shows, however little, and of equally near ones rounding may choose
+//! another); in a volume the kernel that takes most of the light there; where kernels are composited by their
 //! centres the one that takes T across.
 //!
 //! A hierarchy of boxes finds the splats that the ray meets ([`Picker`]); what they are along it is said by the formulas of
