@@ -46,7 +46,7 @@ impl View {
         if let (Some(eye), Some(target)) = (eye, target)
             && eye == target
         {
-            bail!("camera: eye and target are both {eye}; a direction to look in needs two places");
+            bail!("camera: eye and target are both {eye}; they must differ");
         }
         // The direction from the target to the eye.
         let outward = match eye {

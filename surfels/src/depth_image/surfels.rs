@@ -28,7 +28,7 @@ const COVERAGE_FLOOR: f32 = 0.05;
 
 /// How far apart samples of one layer may lie, in widths of a pixel at the harmonic mean of the depths: what depth cameras are uncertain by
 /// across a room. Of the arithmetic mean a little sky makes so much that what is near and what is behind it are one layer.
-const DEPTH_TOLERANCE: f64 = 16.0;
+const DEPTH_TOLERANCE: f64 = 17.0;
 
 /// The variance of the low-pass filter, in px², with which a photograph is best seen from nearby: its pixels are means over squares of a
 /// variance of 1/12 already, and with that it is the usual 0.3.
