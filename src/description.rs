@@ -176,20 +176,31 @@ impl PictureOptions {
             slab_thickness: self
                 .slab_thickness
                 .or(under.slab_thickness.filter(|_| self.order.is_none_or(OrderMode::may_be_slabs))),
-            show: self.show.or(under.show),
+            // A reference draws every splat as it is.
+            show: self.show.or(under.show.filter(|_| !self.asks_reference())),
             tolerance: self.tolerance.or(under.tolerance),
             // Levels are what a budget is kept with: who turns them off leaves it behind.
-            budget: self.budget.or(under.budget.filter(|_| self.level_of_detail != Some(false))),
+            budget: self
+                .budget
+                .or(under.budget.filter(|_| self.level_of_detail != Some(false) && !self.asks_reference())),
             // And who gives one wants them.
             level_of_detail: self.level_of_detail.or(under.level_of_detail.filter(|_| self.budget.is_none())),
             occlusion: self.occlusion.or(under.occlusion),
             interpolation: self.interpolation.or(under.interpolation),
-            reference: self.reference.or(under.reference),
+            // And who wants what it can't do leaves it behind.
+            reference: self
+                .reference
+                .or(under.reference.filter(|_| self.budget.is_none() && self.show != Some(Show::Forms))),
             // Samples are for one reference: another choice of it leaves them behind.
             samples: self
                 .samples
                 .or(under.samples.filter(|_| self.reference.is_none_or(|choice| choice == Reference::R2))),
         }
+    }
+
+    /// Whether it is asked for a reference here.
+    fn asks_reference(&self) -> bool {
+        self.reference.is_some_and(|choice| choice != Reference::Off)
     }
 
     /// Whether a thickness, where one is given, has slabs to be of.

@@ -42,7 +42,7 @@ impl Drawing {
         {
             ensure!(
                 !is_asked || choice == Reference::Off,
-                "a reference draws every splat as it is; leave out {what}"
+                "{what} is not for a reference, which draws every splat as it is"
             );
         }
         let samples = options.samples.unwrap_or(SAMPLES);

@@ -307,7 +307,7 @@ impl Slabs {
         mean: [F; 2],
         (depth, slope, sigma_z): (F, [F; 2], F),
     ) -> Distances<F> {
-        if self.lens.projection == Projection::Orthographic {
+        if self.is_parallel() {
             return Distances { center: depth, slope, sigma: sigma_z };
         }
         let [x, y, z] = self.lens.positions(mean, F::simd_from(simd, 1.0));
@@ -371,6 +371,11 @@ impl Slabs {
     ) -> F::Mask {
         let weight = (optical_depth * (1.0 / LEAST_STEEP)).min(F::simd_from(simd, 1.0));
         (deviation * inverse * planes * weight).simd_le(F::simd_from(simd, self.level * BOX))
+    }
+
+    /// Whether distances are depths.
+    pub(crate) fn is_parallel(&self) -> bool {
+        self.lens.projection == Projection::Orthographic
     }
 
     /// How far a slab begins.

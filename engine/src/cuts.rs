@@ -2,7 +2,7 @@
 
 mod kept;
 
-use crate::frame::LEAST_SHOWN;
+use crate::frame::LEAST_VISIBLE;
 use crate::simd::*;
 use crate::tile::{MAX_BLOCKS, PIXELS, Plane, Tile};
 
@@ -131,10 +131,10 @@ impl Cuts {
     pub(crate) fn first_shown(&self, block: usize) -> Cow<'_, Cut> {
         let first = self.layers(block).next().unwrap_or(&Cut::NONE);
         let is_clear =
-            |pixel: &usize| first.alpha.0[*pixel] < LEAST_SHOWN && first.depth.0[*pixel] < f32::INFINITY;
+            |pixel: &usize| first.alpha.0[*pixel] < LEAST_VISIBLE && first.depth.0[*pixel] < f32::INFINITY;
         let mut shown = Cow::Borrowed(first);
         for pixel in (0..PIXELS).filter(is_clear) {
-            let behind = self.layers(block).find(|cut| cut.alpha.0[pixel] >= LEAST_SHOWN);
+            let behind = self.layers(block).find(|cut| cut.alpha.0[pixel] >= LEAST_VISIBLE);
             shown.to_mut().take(behind.unwrap_or(&Cut::NONE), pixel);
         }
         shown

@@ -14,8 +14,9 @@ pub enum Channels {
     All,
 }
 
-/// The opacity from which on a layer is a surface.
-pub(crate) const LEAST_SHOWN: f32 = 1e-6;
+/// The opacity from which on a layer is a surface. Rounding gives a layer that is clear up to 2e-7, from the quotient of two sums and what lies
+/// before it.
+pub(crate) const LEAST_VISIBLE: f32 = 1e-6;
 
 /// A picture of `width * height` pixels, rows from top to bottom.
 #[derive(Clone, Debug, Default, PartialEq)]

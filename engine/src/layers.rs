@@ -16,6 +16,7 @@ mod sums;
 
 use crate::cuts::{Cut, Cuts, MAX_LAYERS};
 use crate::footprint::Part;
+use crate::frame::LEAST_VISIBLE;
 use crate::raster::{Room, Surfaces, SurfelLens, Surfels};
 use crate::simd::*;
 use crate::tile::{PIXELS, Tile, pixels};
@@ -263,7 +264,8 @@ impl LayerBuilder<'_> {
         let even = sums.even / sums.clear;
         let more = weight.mul_sub(even, one);
         let beyond_one = more - (one - even);
-        let is_many = beyond_one.simd_gt(zero) & opacity.simd_gt(zero);
+        // What rounding leaves of a clear layer isn't more in several sheets.
+        let is_many = beyond_one.simd_gt(zero) & opacity.simd_gt(W::simd_from(simd, LEAST_VISIBLE));
         if is_many.any_true() {
             let sheets = (beyond_one + beyond_one).min(more) + one;
             let deep = crate::simd::opacity(simd, optical_depth(simd, opacity) * sheets);

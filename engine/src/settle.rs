@@ -114,7 +114,8 @@ pub fn settle(
     let mut outlined = None;
     if trial.shown() >= LEAST_SHOWN {
         let with_ends = nearer.iter().map(|ends| drawn_in(way, ends));
-        settled = nearest_ends(&trial, finest, scene.has_opacities(), with_ends)?.unwrap_or(settled);
+        settled =
+            nearest_ends(&trial, (finest, settings), scene.has_opacities(), with_ends)?.unwrap_or(settled);
         let nearer = outlines.map(|outline| RenderSettings { outline, ..settled });
         outlined = first(nearer, |found| trial.is_within(SHARE_OF_ENDS, found))?;
     }
@@ -132,7 +133,7 @@ pub fn settle(
 /// [`MOST_OF_ALL`] beside the finest way.
 fn nearest_ends(
     trial: &Trial,
-    finest: RenderSettings,
+    (finest, asked): (RenderSettings, &RenderSettings),
     has_opacities: bool,
     from_the_nearest: impl ExactSizeIterator<Item = RenderSettings>,
 ) -> Result<Option<RenderSettings>, SceneError> {
@@ -140,7 +141,7 @@ fn nearest_ends(
         return Ok(None);
     }
     let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * finest.tolerance, ..finest };
-    let truth = trial.first(&with_far_ends(&strict))?;
+    let truth = trial.first(&with_far_ends(asked, &strict))?;
     let (share, rank) = if has_opacities { (SHARE_OF_OPACITIES, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
     first(from_the_nearest, |found| {
         let drawn = trial.first(found)?;
@@ -215,9 +216,11 @@ fn levels(scene: &Scene, settings: &RenderSettings) -> Vec<f64> {
     if has_levels && is_default && settings.budget.is_none() { LEVELS.to_vec() } else { Vec::new() }
 }
 
-/// Settings that draw kernels to where opacities end.
-fn with_far_ends(settings: &RenderSettings) -> RenderSettings {
-    RenderSettings { cutoff: opacities_end(settings), ..*settings }
+/// Settings that draw kernels to where opacities end, if it was not asked for another cut-off than the usual one.
+fn with_far_ends(asked: &RenderSettings, settings: &RenderSettings) -> RenderSettings {
+    let is_left_open = asked.cutoff == RenderSettings::default().cutoff;
+    let cutoff = if is_left_open { opacities_end(settings) } else { asked.cutoff };
+    RenderSettings { cutoff, ..*settings }
 }
 
 /// The cut-off where the densest opacity falls below the least that counts, no less than the usual one.
@@ -236,9 +239,11 @@ fn ends(scene: &Scene, settings: &RenderSettings) -> Vec<RenderSettings> {
     }
     if scene.has_opacities() && settings.end_share == RenderSettings::default().end_share {
         let shares = END_SHARES.into_iter().filter(|share| !has_extinctions || *share <= settings.end_share);
-        ends.extend(shares.map(|end_share| with_far_ends(&RenderSettings { end_share, ..*settings })));
+        ends.extend(
+            shares.map(|end_share| with_far_ends(settings, &RenderSettings { end_share, ..*settings })),
+        );
     } else if has_extinctions || scene.has_opacities() {
-        ends.push(with_far_ends(settings));
+        ends.push(with_far_ends(settings, settings));
     } else {
         ends.push(*settings);
     }

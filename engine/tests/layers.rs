@@ -80,7 +80,6 @@ fn twelve_sheets_in_thin_fog_are_r1s() {
     }
 }
 
-/// Of 67 sheets, a quarter of the light passes all; in a picture so many pixels wide, which is R1's.
 /// A sheet of which the left half is cut out, before a wall of half its width: what shows first is the sheet, the wall or nothing.
 #[test]
 fn what_is_cut_out_is_no_surface() {
@@ -118,6 +117,7 @@ fn what_is_cut_out_is_no_surface() {
     }
 }
 
+/// Of 67 sheets, a quarter of the light passes all; in a picture so many pixels wide, which is R1's.
 fn opacity_of_67_sheets(pixels: u32) -> f64 {
     let sheets = stack(67, 0.02, 0.05);
     let pose = Pose::look_at(DVec3::Z * -5.0, DVec3::ZERO, DVec3::Y).unwrap();

@@ -62,6 +62,9 @@ fn what_crowds_lack_where_they_end_stays_within_the_tolerance() {
         let [usual, settled] = [asked, settled].map(|settings| error(&truth, &color(&settings)));
         assert!(usual > tolerance, "nothing is shown of what ends lack");
         assert!(settled <= tolerance, "{settled} is more than {tolerance}");
+        // What is said is not changed.
+        let nearer = RenderSettings { cutoff: 6.0, ..asked };
+        assert_eq!(settle(&scene, &camera, &nearer).unwrap().cutoff, 6.0);
     }
 }
 

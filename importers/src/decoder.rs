@@ -1,4 +1,4 @@
-//! Decoders of PNG, JPEG and WebP that keep to a limit of memory and want whole files.
+//! Decoders of PNG, JPEG and WebP that keep to a limit of memory; JPEGs must be whole.
 
 use image::{ImageFormat, ImageReader, Limits};
 use std::io::Cursor;

@@ -269,7 +269,7 @@ fn what_is_far_leaves_what_is_near_as_it_is() {
     let source = camera(at(DVec3::ZERO, 0.0), 240.0, [256, 128]);
     let new = camera(at(DVec3::new(0.6, 0.0, 0.0), 0.0), 240.0, [256, 128]);
     for sky in [6.0, 1e3, 1e6, 9e9, 1e10, 1e30] {
-        let image = image(&source, &|_, ray| {
+        let mut image = image(&source, &|_, ray| {
             let is_sky = ray.y < -32.0 / 240.0;
             let is_pane = !is_sky && (-32.0..32.0).contains(&(240.0 * ray.x));
             Some(match (is_sky, is_pane) {
@@ -278,6 +278,8 @@ fn what_is_far_leaves_what_is_near_as_it_is() {
                 _ => (6.0, [0.0, 1.0, 0.0]),
             })
         });
+        // Nor does it matter how near single pixels seem, where nobody looks here.
+        image.depths[..40].fill(1e-6);
         // 0.6 · 240/4 = 36 px farther left than in the image, from 60 to 124. Its edges are cut a pixel wide.
         let frame = warped(&image, &new);
         for x in (50..59).chain(61..123) {
@@ -286,13 +288,13 @@ fn what_is_far_leaves_what_is_near_as_it_is() {
             let depth = frame.median_depth[80 * 256 + x];
             let wanted = if is_pane { [1.0, 0.0, 4.0] } else { [0.0, 1.0, 6.0] };
             let found = [red, green, depth];
-            let most = [0.01, 0.01, 0.01];
-            let is_off = (0..3).any(|i| (found[i] - wanted[i]).abs() > most[i]);
+            // Planes are exact; what a kernel leaves beyond two pixels, 4.4 of its σ, is 1e-5, and a layer's mean is as far from its plane.
+            let is_off = (0..3).any(|i| (found[i] - wanted[i]).abs() > 0.01);
             assert!(!is_off && blue < 0.01 && alpha > 0.99, "sky at {sky:e}, pixel {x}: {found:?}, {alpha}");
         }
         // From where the image was taken all of it is there, but for a sky that is none.
         let own = warped(&image, &source);
-        for (pixel, color) in own.color.iter().enumerate() {
+        for (pixel, color) in own.color.iter().enumerate().skip(256) {
             // Along its edge the wall leans into a sky that is none.
             let [is_sky, is_edge] = [pixel / 256 < 29, pixel / 256 < 34];
             if !is_sky && is_edge {

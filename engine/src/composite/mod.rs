@@ -242,11 +242,7 @@ impl Compositor<'_> {
             count += todo.count_ones();
             runs.rough |= u64::from(todo & kernels.rough != 0) << here.block;
             if todo & !(whole & kernels.plain) == 0 {
-                let ray_length = if O::KEEPS_OPEN && DEPTH {
-                    self.lens.ray_lengths(simd, pixels, here.tile)
-                } else {
-                    kernels.plain_ray_lengths(simd, pixels, (here.tile, &self.lens))
-                };
+                let ray_length = self.plain_ray_lengths::<S, O, DEPTH>(simd, kernels, pixels, here);
                 let plain = Plain { kernels, set: todo, corner, pixels, ray_length, segment: None };
                 opening.add_plain::<DEPTH>(simd, plain, policy, &mut opens[0][here.block]);
             } else {
@@ -309,6 +305,23 @@ impl Compositor<'_> {
         }
     }
 
+    /// |v| of a block's rays where plain kernels, or how they are closed, ask for it, else 1.
+    #[inline(always)]
+    fn plain_ray_lengths<S: Simd, O: Opening<S>, const DEPTH: bool>(
+        &self,
+        simd: S,
+        kernels: &Kernels,
+        pixels: [W<S>; 2],
+        here: Here,
+    ) -> W<S> {
+        // What is closed before a centre is told by distances, and where what is closed lies.
+        if O::KEEPS_OPEN && (DEPTH || self.lens.closing.is_mixed()) {
+            self.lens.ray_lengths(simd, pixels, here.tile)
+        } else {
+            kernels.plain_ray_lengths(simd, pixels, (here.tile, &self.lens))
+        }
+    }
+
     /// Adds what a segment has of kernels of any kind and form.
     #[inline(always)]
     fn add_share<S: Simd, O: Opening<S>, const DEPTH: bool>(
@@ -323,12 +336,7 @@ impl Compositor<'_> {
         if O::CUTS_PLAIN {
             plain_here |= kernels.plain_media();
         }
-        let ray_length = if O::KEEPS_OPEN && (DEPTH || self.lens.closing.is_mixed()) {
-            // What is closed before a centre is told by distances, and where what is closed lies.
-            self.lens.ray_lengths(simd, pixels, here.tile)
-        } else {
-            kernels.plain_ray_lengths(simd, pixels, (here.tile, &self.lens))
-        };
+        let ray_length = self.plain_ray_lengths::<S, O, DEPTH>(simd, kernels, pixels, here);
         loop {
             let set = before(todo, todo & !plain_here);
             let plain = Plain { kernels, set, corner, pixels, ray_length, segment: Some(segment) };

@@ -54,7 +54,7 @@ pub(super) struct Plain<'a, S: Simd> {
     pub(super) set: u64,
     pub(super) corner: [f32; 2],
     pub(super) pixels: [W<S>; 2],
-    /// Of rays with z = 1, as plain kernels and what is closed before them ask for them.
+    /// Of rays with z = 1, as plain kernels, what is closed before them and its depth ask for them.
     pub(super) ray_length: W<S>,
     /// Of which they may lie partly outside; `None`: all are whole.
     pub(super) segment: Option<Segment<S>>,

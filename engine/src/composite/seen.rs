@@ -131,7 +131,7 @@ impl<S: Simd> Seeing<S> {
                 |i| behind.color[i].mul_add(through, self.color[i]),
             ),
             depth: behind.depth.mul_add(through, self.depth),
-            median: comes_behind.select(behind.median, self.median),
+            median: comes_behind.select(behind.median_or_mean(simd), self.median),
             half: self.half,
         }
     }
@@ -160,6 +160,13 @@ impl<S: Simd> Seeing<S> {
             let is_half = self.opacity.simd_ge(self.half) & before.simd_lt(self.half);
             self.median = is_half.select(depth, self.median);
         }
+    }
+
+    /// The median; the mean where rounding has it that half of the light isn't lost yet.
+    #[inline(always)]
+    fn median_or_mean(&self, simd: S) -> W<S> {
+        let mean = self.depth / self.opacity.max(W::simd_from(simd, 1e-30));
+        self.median.simd_lt(W::simd_from(simd, f32::INFINITY)).select(self.median, mean)
     }
 
     /// Where it is known only in the end that half of the light is lost here, since what lies in nearer segments was still open, the median is

@@ -94,7 +94,8 @@ impl<'a> Facing<'a> {
         let ray = splat3(simd, self.sight.ray(range.center_in_camera).as_vec3().to_array());
         let (place, across) = self.surfels(simd, range, block);
         let cofactors = [self.cofactors.row(0), self.cofactors.row(1), self.cofactors.row(2)];
-        let length = dot(across, across).sqrt();
+        // Of any size, without its length.
+        let across = direction_or_zero(simd, across);
         let mut areas = V::simd_from(simd, self.columns.strengths.block(block, &mut Default::default())[0]);
         // Of merged ones the vector area, which is less than what is seen.
         if let Some(orientations) = &self.columns.orientations {
@@ -105,7 +106,6 @@ impl<'a> Facing<'a> {
             );
             areas *= dot(mean, mean).sqrt();
         }
-        let areas = length.simd_gt(splat(simd, 1e-18)).select(areas / length, zero);
         let normal = turn(simd, &cofactors, across);
         let facing = dot(normal, ray);
         let area = facing.abs() * areas;
@@ -253,10 +253,9 @@ impl<'a> Facing<'a> {
         } else {
             ([zero, zero, one], one)
         };
-        let normal = turn(simd, &cofactors, across);
-        let length = dot(normal, normal).sqrt();
+        let normal = direction_or_zero(simd, turn(simd, &cofactors, across));
         // A shape that is no disc could face any way.
-        let mut facing = length.simd_gt(splat(simd, 1e-18)).select(dot(normal, ray) / length, zero);
+        let mut facing = dot(normal, ray);
         // Nor is it known of merged ones which way that faces which is seen of them.
         if self.columns.orientations.is_some() {
             facing = zero;

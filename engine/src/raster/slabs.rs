@@ -234,9 +234,11 @@ impl Kernels {
         let are_boxes = by_count[1] == 0;
         // The mean z of what is in a slab is that of a box with the σ of the spread.
         let half = W::simd_from(simd, 0.5 * BOX) / inverse;
-        let is_at_eye = distance.abs().simd_lt(W::simd_from(simd, 1e-20));
-        let per_distance = sixteen(simd, &self.outlines.depth, first) * 0.5
-            / is_at_eye.select(W::simd_from(simd, 1e-20), distance);
+        let per_distance = if slabs.is_parallel() {
+            W::simd_from(simd, 0.5)
+        } else {
+            sixteen(simd, &self.outlines.depth, first) * 0.5 / distance.max(W::simd_from(simd, 1e-20))
+        };
         let colors = sixteen_of(simd, &self.color, first);
         let (mut begin, mut passed) = (end_of_first - thickness, zero);
         let is_last = [0, narrow, in_three].each(

@@ -6,7 +6,7 @@ use super::shading::Spot;
 use super::splats::{Kernel, Setup, Splat, Surfel};
 use super::stochastic::Chance;
 use super::view::Ray;
-use crate::frame::LEAST_SHOWN;
+use crate::frame::LEAST_VISIBLE;
 use glam::DVec3;
 
 /// What was seen so far along a ray; everything is premultiplied.
@@ -48,7 +48,7 @@ pub(super) struct FirstSurface {
 
 /// Whether a layer is a surface.
 fn shows(layer: &Layer) -> bool {
-    layer.alpha >= f64::from(LEAST_SHOWN)
+    layer.alpha >= f64::from(LEAST_VISIBLE)
 }
 
 /// The splats that rays of one block can meet, and room to work in.

@@ -5,7 +5,7 @@ use super::{Renderer, Shared};
 use crate::camera::Camera;
 use crate::composite::{Compositor, lead};
 use crate::footprint::Records;
-use crate::frame::{BAND, Channels, FrameRows};
+use crate::frame::{BAND, Channels, Clear, FrameRows};
 use crate::layers::LayerBuilder;
 use crate::pass::Pass;
 use crate::raster::{KernelLens, Surfaces, SurfelLens, reach_to_cuts};
@@ -16,10 +16,18 @@ use std::mem::take;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
 
-/// Where a round's pixels go, and what threads need for them.
+/// Where a round's pixels go.
+#[derive(Clone, Copy)]
 struct Target<'a> {
-    threads: &'a mut Vec<Mutex<TileBuffers>>,
     bands: &'a [Mutex<FrameRows<'a>>],
+    clear: &'a Clear,
+}
+
+impl<'a> Target<'a> {
+    /// Where a tile is written, of so many columns.
+    fn place(&self, tile_side: usize, [columns, _]: [usize; 2], index: usize) -> Place<'a> {
+        Place { index, bands: &self.bands[index / columns * (tile_side / BAND)..], clear: self.clear }
+    }
 }
 
 impl Renderer {
@@ -36,26 +44,28 @@ impl Renderer {
         }
         // All else is only read by the threads.
         let (mut threads, mut frame) = (take(&mut self.threads), take(&mut self.frame));
+        // What it says is of that frame: after a panic both are new.
+        let clear = take(&mut self.clear);
         let bands: Vec<_> = frame.bands(BAND).map(Mutex::new).collect();
-        let target = Target { threads: &mut threads, bands: &bands };
+        let target = Target { bands: &bands, clear: &clear };
         match pass {
-            Pass::Surfaces => self.draw_surfaces(shared, target),
-            Pass::Volumes => self.draw_volumes(shared, target),
+            Pass::Surfaces => self.draw_surfaces(shared, &mut threads, target),
+            Pass::Volumes => self.draw_volumes(shared, &mut threads, target),
         }
-        (self.threads, self.frame) = (threads, frame);
+        (self.threads, self.frame, self.clear) = (threads, frame, clear);
     }
 
     /// Draws the surfaces of tiles, or keeps their cuts where volumes follow.
-    fn draw_surfaces<'a>(&'a self, shared: Shared<'a>, target: Target<'a>) {
+    fn draw_surfaces(&self, shared: Shared, threads: &mut Vec<Mutex<TileBuffers>>, target: Target) {
         let drawer = self.tile_drawer(shared);
         let tiles @ [columns, rows] = self.tiles(shared.view.camera);
-        tiles::for_each(target.threads, columns * rows, |index, buffers| {
+        tiles::for_each(threads, columns * rows, |index, buffers| {
             if !self.occlusion.changed()[index] {
                 return;
             }
             let tile = (self.tile(shared, index), self.surfaces_of(index));
             let count = if self.visible.volumes.is_empty() {
-                drawer.draw_surfaces(tile, buffers, self.place(tiles, index, target.bands))
+                drawer.draw_surfaces(tile, buffers, target.place(self.tile_side, tiles, index))
             } else {
                 drawer.keep_cuts(tile, buffers, (&self.cuts, index))
             };
@@ -64,26 +74,26 @@ impl Renderer {
     }
 
     /// Draws the volumes of tiles, and what surfaces they have: first those of the lattice, if it is used.
-    fn draw_volumes<'a>(&'a self, shared: Shared<'a>, target: Target<'a>) {
+    fn draw_volumes(&self, shared: Shared, threads: &mut Vec<Mutex<TileBuffers>>, target: Target) {
         let Self { lattice, cuts, counts, occlusion, .. } = self;
         let drawer = self.tile_drawer(shared);
         let lists = &self.drawn.volumes.lists;
         let tiles @ [columns, rows] = self.tiles(shared.view.camera);
         let counts = &counts[columns * rows..];
         let (counts, counts_of_lattice) = counts.split_at(columns * rows);
-        tiles::for_each(target.threads, lattice.tiles(), |index, buffers| {
+        tiles::for_each(threads, lattice.tiles(), |index, buffers| {
             if lattice.is_changed(index) {
                 let has_surfaces = lattice.parts(index, tiles).any(|part| !self.surfaces_of(part).is_empty());
                 let listed = (lists.tile(index), has_surfaces);
                 store(&counts_of_lattice[index], drawer.sample((lattice, index), listed, buffers));
             }
         });
-        tiles::for_each(target.threads, columns * rows, |index, buffers| {
+        tiles::for_each(threads, columns * rows, |index, buffers| {
             let tile = self.tile(shared, index);
             if occlusion.changed()[index] || lattice.is_stale(tile) {
                 let listed = if lattice.is_used() { lattice.tile_of(tile) } else { index };
                 let lists = [self.surfaces_of(index), lists.tile(listed)];
-                let more = (cuts, lattice, self.place(tiles, index, target.bands));
+                let more = (cuts, lattice, target.place(self.tile_side, tiles, index));
                 store(&counts[index], drawer.draw((tile, lists), buffers, more));
             }
         });
@@ -95,16 +105,6 @@ impl Renderer {
         let [columns, _] = self.tiles(camera);
         let picture = camera.size().map(|length| length as usize);
         Tile::new([index % columns, index / columns], self.tile_side, picture)
-    }
-
-    /// Where a tile is written.
-    fn place<'a>(
-        &'a self,
-        [columns, _]: [usize; 2],
-        index: usize,
-        bands: &'a [Mutex<FrameRows<'a>>],
-    ) -> Place<'a> {
-        Place { index, bands: &bands[index / columns * (self.tile_side / BAND)..], clear: &self.clear }
     }
 
     /// The surfaces that a tile draws.

@@ -8,7 +8,7 @@ use crate::closed::Closed;
 use crate::cloud::{Cloud, Material, OpacityFilter, Shapes, Splats, Strength, Surface, oblate_factor};
 use crate::columns::LANES;
 use crate::footprint::{Form, Kind, Lens, Record, Records, Rect};
-use crate::frame::LEAST_SHOWN;
+use crate::frame::LEAST_VISIBLE;
 use crate::order::Keys;
 use crate::scene::{FootprintForm, Order};
 use glam::{DAffine3, DMat3, DVec2, DVec3, Mat3, Vec3};
@@ -477,7 +477,7 @@ fn compare(scene: &Scene, camera: &Camera, settings: &RenderSettings, level: Lev
         let (depth, id) = expected
             .cuts
             .iter()
-            .find(|cut| cut.alpha >= f64::from(LEAST_SHOWN))
+            .find(|cut| cut.alpha >= f64::from(LEAST_VISIBLE))
             .map_or((f64::INFINITY, Frame::NO_ID), |cut| (cut.z, cut.id));
         let depth_found = f64::from(frame.depth[place]);
         let is_depth_off = depth != depth_found && (depth - depth_found).abs() > 1e-5 * depth;

@@ -22,10 +22,13 @@ pub(crate) fn first_not_finite<const N: usize>(vectors: &[[f32; N]]) -> Option<u
 const FARTHEST: f64 = 64.0;
 
 /// Positions in single precision, and what moves them to where they are: nothing, or as far as their middle where they are far away, as
-/// coordinates of maps are.
-pub(crate) fn near_zero(positions: &[DVec3]) -> (Vec<Vec3>, DAffine3) {
+/// coordinates of maps are; by those of them that are used.
+pub(crate) fn near_zero<'a>(
+    positions: &[DVec3],
+    used: impl Iterator<Item = &'a DVec3>,
+) -> (Vec<Vec3>, DAffine3) {
     let none = [DVec3::INFINITY, DVec3::NEG_INFINITY];
-    let [low, high] = positions.iter().fold(none, |[low, high], p| [low.min(*p), high.max(*p)]);
+    let [low, high] = used.fold(none, |[low, high], p| [low.min(*p), high.max(*p)]);
     let farthest = low.abs().max(high.abs()).max_element();
     let is_far = farthest > FARTHEST * (high - low).max_element();
     let origin = if is_far && farthest.is_finite() { 0.5 * low + 0.5 * high } else { DVec3::ZERO };

@@ -81,8 +81,9 @@ impl Library {
                 _ => {}
             }
         }
-        if !perhaps.is_subset(&said) {
-            self.notes.push(Note::LeftOut(AMBIGUOUS.into()));
+        let note = Note::LeftOut(AMBIGUOUS.into());
+        if !perhaps.is_subset(&said) && !self.notes.contains(&note) {
+            self.notes.push(note);
         }
         Ok(())
     }

@@ -220,7 +220,9 @@ impl<'a> Reader<'a> {
         if !colors.is_empty() {
             colors.resize(self.positions.len(), Vec4::ONE);
         }
-        let (positions, primitive_to_mesh) = near_zero(&self.positions);
+        let corners = self.groups.iter().flat_map(|group| &group.corners);
+        let used = corners.map(|corner| &self.positions[corner.0]);
+        let (positions, primitive_to_mesh) = near_zero(&self.positions, used);
         let primitive = |group: Group| {
             let corners = group.corners.iter();
             Primitive {

@@ -109,20 +109,27 @@ impl Vertices {
             (body.gather::<f32>(element, &NAMES)?, None)
         } else {
             let columns = body.gather::<f64>(element, &NAMES)?;
-            let exact: Option<Vec<Vec<f64>>> =
-                columns[..3].iter().map(|column| Some(column.as_ref()?.values.clone())).collect();
+            let places = |[x, y, z]: [&Column<f64>; 3]| -> Vec<DVec3> {
+                x.values
+                    .iter()
+                    .zip(&y.values)
+                    .zip(&z.values)
+                    .map(|((x, y), z)| DVec3::new(*x, *y, *z))
+                    .collect()
+            };
+            let exact = match &columns[..3] {
+                [Some(x), Some(y), Some(z)] => Some(places([x, y, z])),
+                _ => None,
+            };
             (columns.into_iter().map(|column| column.map(Column::rounded)).collect(), exact)
         };
         let Some(positions) = joined(file, &columns[0..3], "position")? else {
             return Err(file.malformed(Place::Whole, "element \"vertex\" must have properties x, y and z"));
         };
         let positions = positions.into_iter().map(Vec3::from_array);
-        let (positions, to_mesh) = match exact.as_deref() {
-            Some([x, y, z]) => {
-                let places = x.iter().zip(y).zip(z).map(|((x, y), z)| DVec3::new(*x, *y, *z));
-                near_zero(&places.collect::<Vec<_>>())
-            }
-            _ => (positions.collect(), DAffine3::IDENTITY),
+        let (positions, to_mesh) = match exact {
+            Some(places) => near_zero(&places, places.iter()),
+            None => (positions.collect(), DAffine3::IDENTITY),
         };
         let normals = joined(file, &columns[3..6], "normal")?;
         let pairs = [&columns[6..8], &columns[8..10], &columns[10..12]];

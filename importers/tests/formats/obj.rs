@@ -88,7 +88,7 @@ fn coordinates_of_maps_keep_their_digits() {
         [500_001.0, 4_600_002.875, 12.0],
     ];
     let lines: String = corners.iter().map(|[x, y, z]| format!("{x} {y} {z}\n")).collect();
-    let obj = lines.lines().map(|line| format!("v {line}\n")).collect::<String>() + "f 1 2 3\n";
+    let obj = lines.lines().map(|line| format!("v {line}\n")).collect::<String>() + "v 0 0 0\nf 1 2 3\n";
     let ply = format!(
         "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\nproperty double z\n\
         element face 1\nproperty list uchar int vertex_indices\nend_header\n{lines}3 0 1 2\n"

@@ -56,6 +56,11 @@ impl Bordered {
         rows.map(move |row| &mut row[BORDER..stride - BORDER])
     }
 
+    /// All numbers, those of the borders among them.
+    pub(super) fn numbers(&self) -> &[f32] {
+        &self.numbers
+    }
+
     /// Where a pixel is, in all images of this size.
     pub(super) fn place(&self, [column, row]: [usize; 2]) -> usize {
         debug_assert!(column < self.width);

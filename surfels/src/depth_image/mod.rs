@@ -26,7 +26,7 @@ use oblate_engine::{Camera, CameraError, CloudError, Intrinsics, Pose, Projectio
 use rayon::prelude::*;
 use thiserror::Error;
 
-/// Depths along the axis whose inverse is no more are unknown.
+/// Depths along the axis are known if their inverses are larger: below 1e10.
 const LEAST_INVERSE: f32 = 1e-10;
 
 /// What the numbers of a depth image measure.
@@ -46,8 +46,8 @@ pub struct RgbdImage {
     pub size: [usize; 2],
     /// Linear Rec. 709, one for each pixel.
     pub colors: Vec<[f32; 3]>,
-    /// In world units, one for each pixel. What is not above 0, or 1e10 or more, is unknown: nothing is drawn there. Some renderers write 1e10 where
-    /// they hit nothing. So is what is so small that its inverse isn't finite.
+    /// In world units, one for each pixel. What is not above 0 is unknown, and so is what has a z of 1e10 or more, which some renderers write where
+    /// they hit nothing, or one so small that its inverse isn't finite: nothing is drawn there.
     pub depths: Vec<f32>,
     /// What they measure.
     pub kind: DepthKind,

@@ -11,8 +11,6 @@ pub(super) struct ImageRows {
     /// Inverse depths along the axis, 0 where unknown.
     pub(super) inverses: Bordered,
     pub(super) colors: [Bordered; 3],
-    /// Of all inverse depths.
-    pub(super) inverse_sum: f64,
 }
 
 impl ImageRows {
@@ -23,24 +21,44 @@ impl ImageRows {
         let mut colors = memory.colors.map(|old| old.renewed(image.size));
         let [red, green, blue] = colors.each_mut().map(Bordered::rows);
         let rows = inverses.rows().zip(red.zip(green).zip(blue)).enumerate();
-        let sum_of = |(row, (inverses, ((red, green), blue)))| {
+        let take = |(row, (inverses, ((red, green), blue)))| {
             let to = (inverses, [red, green, blue]);
             dispatch!(level, simd => take_in(simd, (image, row), to))
         };
-        // Summed by rows: the same for any number of threads.
-        let sums: Vec<Result<f64, DepthError>> = rows.map(sum_of).collect();
-        let inverse_sum = sums.into_iter().sum::<Result<f64, _>>()?;
-        Ok(Self { inverses, colors, inverse_sum })
+        // Of several wrong rows the first is named, for any number of threads.
+        rows.map(take).collect::<Vec<Result<(), DepthError>>>().into_iter().collect::<Result<(), _>>()?;
+        Ok(Self { inverses, colors })
     }
 }
 
-/// Takes in a row of an image: inverse depths, 0 where unknown, and colours. Gives the sum of the inverse depths.
+/// Inverse depths that the usual one is found from, and the share of these, the nearest, that doesn't count.
+const SAMPLED: usize = 4096;
+const NEAREST: usize = 50;
+
+impl ImageRows {
+    /// The harmonic mean of the known depths, but for the nearest fiftieth, of some thousand pixels all over the image: however far a sky is, and
+    /// however near single pixels seem, it stays where most things are. Infinite where nothing is known.
+    pub(super) fn usual_depth(&self) -> f64 {
+        let known = |step: usize| -> Vec<f32> {
+            self.inverses.numbers().iter().step_by(step).copied().filter(|inverse| *inverse > 0.0).collect()
+        };
+        let mut inverses = known((self.inverses.numbers().len() / SAMPLED) | 1);
+        if inverses.len() < NEAREST {
+            inverses = known(1);
+        }
+        inverses.sort_unstable_by(|a, b| b.total_cmp(a));
+        let counted = &inverses[inverses.len() / NEAREST..];
+        counted.len() as f64 / counted.iter().copied().map(f64::from).sum::<f64>()
+    }
+}
+
+/// Takes in a row of an image: inverse depths, 0 where unknown, and colours.
 #[inline(always)]
 fn take_in<S: Simd>(
     simd: S,
     (image, row): (&RgbdImage, usize),
     (inverses, [red, green, blue]): (&mut [f32], [&mut [f32]; 3]),
-) -> Result<f64, DepthError> {
+) -> Result<(), DepthError> {
     let width = image.size[0];
     let first = row * width;
     let mut are_finite = true;
@@ -54,7 +72,6 @@ fn take_in<S: Simd>(
     }
     let (zero, one, infinity) = (splat(simd, 0.0), splat(simd, 1.0), splat(simd, f32::INFINITY));
     let least = splat(simd, LEAST_INVERSE);
-    let mut sum = zero;
     let groups = image.depths[first..][..width].chunks(LANES).zip(inverses.chunks_exact_mut(LANES));
     for (group, (own, inverses)) in groups.enumerate() {
         let mut depths = [0.0; LANES];
@@ -68,10 +85,7 @@ fn take_in<S: Simd>(
         let inverse = one / depth;
         // As in [`RgbdImage::along_axis`].
         let is_known = inverse.simd_gt(least) & inverse.simd_lt(infinity);
-        let inverse = is_known.select(inverse, zero);
-        inverse.store_slice(inverses);
-        sum += inverse;
+        is_known.select(inverse, zero).store_slice(inverses);
     }
-    let sums: [f32; LANES] = sum.into();
-    Ok(sums.into_iter().map(f64::from).sum())
+    Ok(())
 }
