@@ -8,7 +8,7 @@
 use super::before;
 use super::opening::{Fragment, Opening, Plain};
 use super::seen::{Seeing, Seen};
-use super::spread::{Cumulative, Matter, Shares};
+use super::spread::{Cumulative, Matter, Shares, z_per_length};
 use super::sums::{Kept, NEAR, OpenSlabs, Sum};
 use crate::closing::{Closing, Slabs};
 use crate::raster::{Kernels, SlabColumns};
@@ -108,7 +108,7 @@ impl<S: Simd> Opening<S> for Slabbed<S> {
             return;
         }
         let inverse = kernels.inverse_spread(simd, number, (slabs, sigma_z * ray_length));
-        let z_per_length = if DEPTH { W::simd_from(simd, 1.0) / ray_length } else { ray_length };
+        let z_per_length = z_per_length::<S, DEPTH>(simd, ray_length);
         let matter = Matter { optical_depth, distance, z_per_length, inverse, segment };
         if kernels.slabs.narrow >> number & 1 != 0 {
             self.close_before::<DEPTH>(simd, first, slabs.thickness(), open);
@@ -237,7 +237,7 @@ impl<S: Simd> Slabbed<S> {
         open: &mut OpenSlabs,
     ) {
         let Plain { kernels, pixels, ray_length, .. } = plain;
-        let z_per_length = if DEPTH { W::simd_from(simd, 1.0) / ray_length } else { ray_length };
+        let z_per_length = z_per_length::<S, DEPTH>(simd, ray_length);
         let mut plane = slabs.begin(self.first + 1);
         while let Some(number) = plain.next() {
             let first = kernels.slabs.first[number];
@@ -307,7 +307,7 @@ impl<S: Simd> Slabbed<S> {
         open: &mut OpenSlabs,
     ) {
         let Plain { kernels, pixels, corner, ray_length, .. } = plain;
-        let z_per_length = if DEPTH { W::simd_from(simd, 1.0) / ray_length } else { ray_length };
+        let z_per_length = z_per_length::<S, DEPTH>(simd, ray_length);
         while let Some(number) = plain.next() {
             let optical_depth = kernels.plain_optical_depth(simd, number, pixels);
             let distance = kernels.affine_distance(simd, number, pixels);

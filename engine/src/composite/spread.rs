@@ -8,8 +8,9 @@ use crate::simd::*;
 #[derive(Clone, Copy)]
 pub(super) struct Matter<S: Simd> {
     pub(super) optical_depth: W<S>,
-    /// Distance from the eye where it is densest, and what z is for each of the ray's length; that only where depth is asked for.
+    /// From the eye to where it is densest.
     pub(super) distance: W<S>,
+    /// See [`z_per_length`].
     pub(super) z_per_length: W<S>,
     /// 1/σ of the spread.
     pub(super) inverse: W<S>,
@@ -36,6 +37,12 @@ impl<S: Simd> Matter<S> {
         );
         self.z_per_length * (ends[0] + ends[1]) * 0.5
     }
+}
+
+/// What z is for each of rays' lengths, if depth is asked for.
+#[inline(always)]
+pub(super) fn z_per_length<S: Simd, const DEPTH: bool>(simd: S, ray_length: W<S>) -> W<S> {
+    if DEPTH { W::simd_from(simd, 1.0) / ray_length } else { ray_length }
 }
 
 /// The share of a kernel before a distance.

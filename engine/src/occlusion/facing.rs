@@ -94,7 +94,7 @@ impl<'a> Facing<'a> {
         let ray = splat3(simd, self.sight.ray(range.center_in_camera).as_vec3().to_array());
         let (place, across) = self.surfels(simd, range, block);
         let cofactors = [self.cofactors.row(0), self.cofactors.row(1), self.cofactors.row(2)];
-        // Of any size, without its length.
+        // How large surfels are is not to matter.
         let across = direction_or_zero(simd, across);
         let mut areas = V::simd_from(simd, self.columns.strengths.block(block, &mut Default::default())[0]);
         // Of merged ones the vector area, which is less than what is seen.

@@ -5,6 +5,10 @@ use super::{DepthError, DepthKind, LEAST_INVERSE, RgbdImage};
 use oblate_engine::simd::{Level, dispatch};
 use rayon::prelude::*;
 
+/// Inverse depths that the usual one is found from, and the share of these, the nearest, that doesn't count.
+const SAMPLED: usize = 4096;
+const NEAREST: usize = 50;
+
 /// What surfels are made from.
 #[derive(Default)]
 pub(super) struct ImageRows {
@@ -29,15 +33,9 @@ impl ImageRows {
         rows.map(take).collect::<Vec<Result<(), DepthError>>>().into_iter().collect::<Result<(), _>>()?;
         Ok(Self { inverses, colors })
     }
-}
 
-/// Inverse depths that the usual one is found from, and the share of these, the nearest, that doesn't count.
-const SAMPLED: usize = 4096;
-const NEAREST: usize = 50;
-
-impl ImageRows {
     /// The harmonic mean of the known depths, but for the nearest fiftieth, of some thousand pixels all over the image: however far a sky is, and
-    /// however near single pixels seem, it stays where most things are. Infinite where nothing is known.
+    /// however near single pixels seem, it stays where most things are. Something must be known.
     pub(super) fn usual_depth(&self) -> f64 {
         let known = |step: usize| -> Vec<f32> {
             self.inverses.numbers().iter().step_by(step).copied().filter(|inverse| *inverse > 0.0).collect()
