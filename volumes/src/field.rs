@@ -93,7 +93,8 @@ impl Volume {
         sum.is_finite().then_some(sum as f32)
     }
 
-    /// The same field with `times` as many samples a step, by the trilinear interpolant; not finite where [`Self::sample`] has none.
+    /// The same field in voxels that are divided into `times` along each axis. Each part has a sample in its middle, of the trilinear interpolant; in the
+    /// outer half of border voxels, where there is none, that of the nearest place between samples. Not finite where a sample that takes part isn't.
     ///
     /// Kernels of a refined volume are *post-classified*: values are interpolated first, and a transfer function sees what is between
     /// samples. Kernels of the volume itself are pre-classified: its samples' colours and extinctions are interpolated. That differs
@@ -104,22 +105,23 @@ impl Volume {
     pub fn refined(&self, times: usize) -> Result<Self, VolumeError> {
         let refused = || VolumeError::Refined { times, dims: self.dims() };
         let dims = self.dims();
-        let fine = |d: usize| (d - 1).checked_mul(times)?.checked_add(1).filter(|_| times > 0);
+        let fine = |d: usize| d.checked_mul(times).filter(|_| times > 0);
         let [Some(nx), Some(ny), Some(nz)] = dims.map(fine) else { return Err(refused()) };
         let count = nx.checked_mul(ny).and_then(|n| n.checked_mul(nz)).ok_or_else(refused)?;
         let mut values = Vec::new();
         values.try_reserve_exact(count).map_err(|_| refused())?;
         values.resize(count, 0.0_f32);
         let step = 1.0 / times as f64;
+        let first = DVec3::splat(0.5 * (step - 1.0));
         values.par_chunks_mut(nx).enumerate().for_each(|(row, values)| {
             for (i, value) in values.iter_mut().enumerate() {
-                // The last one's index may be rounded to beyond it.
-                let index = DVec3::from([i, row % ny, row / ny].map(|n| n as f64)) * step;
+                let index = DVec3::from([i, row % ny, row / ny].map(|n| n as f64)) * step + first;
                 let last = DVec3::from(dims.map(|d| (d - 1) as f64));
-                *value = self.sample(index.min(last)).unwrap_or(f32::NAN);
+                *value = self.sample(index.clamp(DVec3::ZERO, last)).unwrap_or(f32::NAN);
             }
         });
-        let frame = GridFrame { spacing: self.frame().spacing * step, ..self.frame() };
+        let origin = self.index_to_world().transform_point3(first);
+        let frame = GridFrame { origin, spacing: self.frame().spacing * step, ..self.frame() };
         Self::new([nx, ny, nz], Voxels::F32(values), frame)
     }
 

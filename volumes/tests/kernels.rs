@@ -197,6 +197,24 @@ fn refined_volumes_are_classified_after_interpolation() {
     }
 }
 
+/// A volume has as much extinction however finely it is classified, one slice as well: its voxels reach half a step beyond its samples.
+#[test]
+fn refined_volumes_have_as_much_extinction() {
+    let spacing = DVec3::new(0.5, 0.7, 0.2);
+    for dims in [[5, 4, 3], [5, 4, 1]] {
+        let volume = sampled(dims, GridFrame { spacing, ..GridFrame::default() }, |_| 1.0);
+        let whole = dims.iter().product::<usize>() as f64 * spacing.element_product();
+        for times in 1..=4 {
+            let mass: f64 =
+                masses(&kernels(&volume.refined(times).unwrap())).iter().map(|m| f64::from(*m)).sum();
+            assert!(
+                (mass / whole - 1.0).abs() < 1e-5,
+                "{dims:?}: {mass} at {times} samples a step, not {whole}"
+            );
+        }
+    }
+}
+
 #[test]
 fn large_origins_lose_nothing() {
     let frame = GridFrame { spacing: DVec3::splat(1e-3), origin: DVec3::splat(1e6), ..GridFrame::default() };

@@ -91,13 +91,20 @@ fn decode(file: &File, pages: &[Page<'_>], max_memory: u64) -> Result<Stack, Imp
     }
     let page_bytes = total / slices;
     let mut limits = Limits::default();
-    limits.decoding_buffer_size = page_bytes;
+    // Tables of short strips can be larger than a page: a number of two bytes takes 32 in memory.
+    limits.decoding_buffer_size = page_bytes.max(file.bytes.len().saturating_mul(16));
     // A strip or tile as it is in the file, or unpacked with what is beyond the page's edge.
     let unpacked = page_bytes.saturating_mul(4).max(LARGEST_TILE);
     let possible = file.bytes.len().saturating_mul(EXPANSION_LIMIT as usize);
     limits.intermediate_buffer_size = unpacked.min(possible).max(file.bytes.len());
     let problem = |index: usize| {
-        move |error: tiff::TiffError| file.malformed(place(index), format!("it cannot be decoded: {error}"))
+        move |error: tiff::TiffError| {
+            if pages[index].lzw_beyond {
+                let feature = "LZW in tiles that reach beyond the page; LZW in strips and deflate are read";
+                return file.unsupported(place(index), feature);
+            }
+            file.malformed(place(index), format!("it cannot be decoded: {error}"))
+        }
     };
     let mut decoder = Decoder::new(Cursor::new(&file.bytes[..])).map_err(problem(0))?.with_limits(limits);
     let mut bytes = vec![0; total];

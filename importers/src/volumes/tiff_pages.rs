@@ -20,6 +20,8 @@ pub(super) struct Page<'a> {
     pub(super) height: u32,
     pub(super) scalar: Scalar,
     pub(super) compressed: bool,
+    /// Whether it is of LZW in tiles of which some reach beyond its last column: most of these the decoder takes for cut off.
+    pub(super) lzw_beyond: bool,
     pub(super) white_is_zero: bool,
     /// Whether it is a smaller copy of another page, or a mask of one.
     pub(super) auxiliary: bool,
@@ -44,8 +46,9 @@ mod tag {
     pub(super) const SAMPLES: u16 = 277;
     pub(super) const X_RESOLUTION: u16 = 282;
     pub(super) const Y_RESOLUTION: u16 = 283;
+    pub(super) const TILE_WIDTH: u16 = 322;
     pub(super) const FORMAT: u16 = 339;
-    pub(super) const ALL: [u16; 13] = [
+    pub(super) const ALL: [u16; 14] = [
         SUBFILE,
         WIDTH,
         HEIGHT,
@@ -58,6 +61,7 @@ mod tag {
         SAMPLES,
         X_RESOLUTION,
         Y_RESOLUTION,
+        TILE_WIDTH,
         FORMAT,
     ];
 }
@@ -268,6 +272,8 @@ impl<'a> Reader<'a> {
             height,
             scalar,
             compressed,
+            lzw_beyond: compression == 5
+                && integer(tag::TILE_WIDTH).is_some_and(|tile| tile > 0 && u64::from(width) % tile != 0),
             white_is_zero: photometric == Some(0),
             auxiliary: integer(tag::SUBFILE).is_some_and(|kind| kind & 0b101 != 0),
             turned: integer(tag::ORIENTATION).is_some_and(|orientation| orientation != 1),

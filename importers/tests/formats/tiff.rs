@@ -47,8 +47,18 @@ impl Form {
             let mut fields = fields.clone();
             let tiled = fields.iter().any(|field| field.0 == 322);
             let (place, count) = if tiled { (324, 325) } else { (273, 279) };
-            fields.push((place, 4, vec![at]));
-            fields.push((count, 4, vec![samples.len() as u64]));
+            let number = |tag: u16| {
+                fields
+                    .iter()
+                    .find(|field| field.0 == tag)
+                    .and_then(|field| field.2.first().copied())
+                    .unwrap_or(1)
+            };
+            // Strips of fewer rows than the page has are of samples as they are.
+            let strips = if tiled { 1 } else { number(257).div_ceil(number(278).max(1)).max(1) };
+            let length = samples.len() as u64 / strips;
+            fields.push((place, 4, (0..strips).map(|strip| at + strip * length).collect()));
+            fields.push((count, 4, vec![length; strips as usize]));
             fields.sort();
             let mut table = self.number(fields.len() as u64, if self.big_tiff { 8 } else { 2 });
             for (tag, kind, values) in fields {
@@ -125,6 +135,15 @@ fn lzw(bytes: &[u8]) -> Vec<u8> {
     let codes = [256].into_iter().chain(bytes.iter().map(|b| u32::from(*b))).chain([257]);
     let bits: Vec<u8> = codes.flat_map(|code| (0..9).rev().map(move |bit| (code >> bit & 1) as u8)).collect();
     bits.chunks(8).map(|bits| (0..8).fold(0, |byte, i| byte << 1 | bits.get(i).unwrap_or(&0))).collect()
+}
+
+/// Tables of strips that are larger than a page, and what they become in memory larger still.
+#[test]
+fn strips_may_be_single_rows() {
+    for form in FORMS {
+        let pages = bytes_changed(|_, fields| set(fields, 278, 1));
+        assert_corner_marked(&Folder::new().volume("a.tif", form.file(&pages, None)));
+    }
 }
 
 /// A stack with ImageJ's description.

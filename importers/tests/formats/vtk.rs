@@ -123,6 +123,22 @@ fn every_type_in_both_encodings() {
 }
 
 #[test]
+fn bytes_may_be_colors_of_one_component() {
+    let folder = Folder::new();
+    let head = format!("{POINTS}COLOR_SCALARS c 1\n");
+    // Six digits, as VTK writes them.
+    let shares: Vec<String> =
+        corner_marked().iter().map(|byte| format!("{:.6}", f64::from(*byte) / 255.0)).collect();
+    for (encoding, samples) in [("BINARY", corner_marked()), ("ASCII", shares.join(" ").into_bytes())] {
+        let opened = folder.volume("a.vtk", file(encoding, &head, &samples));
+        assert_corner_marked(&opened);
+        assert_eq!(opened.voxels().type_name(), "u8");
+    }
+    let wrong = shares.join(" ").replacen("0.0", "7.0", 1);
+    folder.refused("a.vtk", file("ASCII", &head, wrong.as_bytes()), &["they are from 0 to 1"]);
+}
+
+#[test]
 fn other_arrays_are_passed_over() {
     let zeros = |count: usize, size: usize| vec![0; count * size];
     let mut others = Vec::new();
@@ -356,7 +372,7 @@ fn what_is_wrong_is_said() {
     refuse(" 11 ", " 256 ", &["sample", "256"]);
     refuse("POINT_DATA 24", "", &["SCALARS"]);
     let none = text.split("SCALARS").next().unwrap();
-    folder.refused("a.vtk", none, &["no SCALARS or FIELD array of one component"]);
+    folder.refused("a.vtk", none, &["no SCALARS, COLOR_SCALARS or FIELD array of one component"]);
     folder.refused("a.vtk", "something else", &["begins with"]);
     let binary = legacy("BINARY", &corner_marked());
     folder.refused("a.vtk", &binary[..binary.len() - 2], &["byte", "24 times 1"]);

@@ -2,8 +2,8 @@
 //!
 //! Source: *VTK File Formats* (docs.vtk.org), simple legacy formats, versions 1 to 5; where it is silent, VTK's reader
 //! (`vtkDataReader.cxx`): words in any case, binary numbers big-endian behind the end of their header's line, `long` of
-//! 64 bits, `vtkIdType` of 32. Datasets `STRUCTURED_POINTS`, `RECTILINEAR_GRID`, `STRUCTURED_GRID`, and `UNSTRUCTURED_GRID` as scattered points. Of `SCALARS`
-//! and `FIELD` arrays the first of one component is taken, point data before cell data; vectors, normals,
+//! 64 bits, `vtkIdType` of 32. Datasets `STRUCTURED_POINTS`, `RECTILINEAR_GRID`, `STRUCTURED_GRID`, and `UNSTRUCTURED_GRID` as scattered points. Of `SCALARS`,
+//! `COLOR_SCALARS` and `FIELD` arrays the first of one component is taken, point data before cell data; vectors, normals,
 //! texture coordinates, tensors, ids, lookup tables and metadata are passed over.
 
 use super::grid::{Coordinates, Places, PointGrid, triples};
@@ -39,6 +39,8 @@ struct Array {
     components: usize,
     tuples: usize,
     numbers: Range<usize>,
+    /// Whether they are bytes as text, in shares of 255.
+    in_shares: bool,
 }
 
 /// Reads a volume.
@@ -47,7 +49,7 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportE
     reader.head()?;
     let grid = reader.dataset()?;
     let Some((array, on_cells)) = reader.scalars()? else {
-        return Err(file.malformed(Place::Whole, "no SCALARS or FIELD array of one component"));
+        return Err(file.malformed(Place::Whole, "no SCALARS, COLOR_SCALARS or FIELD array of one component"));
     };
     let dims = grid.dims(on_cells).map_err(|problem| file.malformed(Place::Whole, problem))?;
     let layout = Layout { dims, scalar: array.scalar, endian: Endian::Big };
@@ -56,7 +58,7 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportE
         let problem = format!("an array of {} numbers; {x}x{y}x{z} are expected", array.tuples);
         return Err(file.malformed(reader.place(array.numbers.start), problem));
     }
-    let voxels = layout.voxels(file, &reader.samples(&array))?;
+    let voxels = layout.voxels(file, &reader.samples(&array)?)?;
     grid.volume((file, options), (&layout, voxels), on_cells)
 }
 
@@ -220,7 +222,7 @@ impl<'a> Reader<'a> {
         let kind = self.scalar()?;
         let array = self.array(kind, 3, count)?;
         let layout = Layout { dims: [count, 3, 1], scalar: kind, endian: Endian::Big };
-        Ok(triples(&layout.numbers(self.file, &self.samples(&array))?))
+        Ok(triples(&layout.numbers(self.file, &self.samples(&array)?)?))
     }
 
     /// `CELLS`, its word being taken: which points are corners of which cell is passed over. From version 5 on there are two arrays.
@@ -245,7 +247,7 @@ impl<'a> Reader<'a> {
         let kind = self.scalar()?;
         let array = self.array(kind, 1, tuples)?;
         let layout = Layout { dims: [tuples, 1, 1], scalar: kind, endian: Endian::Big };
-        let values = layout.numbers(self.file, &self.samples(&array))?;
+        let values = layout.numbers(self.file, &self.samples(&array)?)?;
         Ok(Coordinates { values, rounding: kind.rounding() })
     }
 
@@ -262,6 +264,7 @@ impl<'a> Reader<'a> {
                     None
                 }
                 "SCALARS" => self.scalar_array(tuples)?,
+                "COLOR_SCALARS" => self.colors(tuples)?,
                 "FIELD" => self.field()?,
                 _ => {
                     self.pass_over(&word, tuples)?;
@@ -295,6 +298,15 @@ impl<'a> Reader<'a> {
         self.word("the name of a lookup table")?;
         let array = self.array(kind, components, tuples)?;
         Ok(Some(array).filter(|array| array.components == 1))
+    }
+
+    /// `COLOR_SCALARS name components`, its word being taken: bytes in binary files, and in text shares of 255. VTK writes so whatever scalars are
+    /// bytes, those of a volume, too.
+    fn colors(&mut self, tuples: usize) -> Result<Option<Array>, ImportError> {
+        self.word("a name")?;
+        let components = self.number("a number of components")?;
+        let array = self.array(Scalar::U8, components, tuples)?;
+        Ok(Some(Array { in_shares: self.is_text, ..array }).filter(|array| array.components == 1))
     }
 
     /// `FIELD name arrays`, its word being taken: the first array of one component.
@@ -331,13 +343,11 @@ impl<'a> Reader<'a> {
                 let kind = self.scalar()?;
                 return self.array(kind, components, tuples).map(drop);
             }
-            // Of bytes in binary files and of numbers from 0 to 1 in text.
-            "COLOR_SCALARS" | "LOOKUP_TABLE" => {
+            // As those of `COLOR_SCALARS`.
+            "LOOKUP_TABLE" => {
                 self.word("a name")?;
                 let count = self.number("a number of values")?;
-                let (components, tuples) = if word == "LOOKUP_TABLE" { (4, count) } else { (count, tuples) };
-                let kind = if self.is_text { Scalar::F32 } else { Scalar::U8 };
-                return self.array(kind, components, tuples).map(drop);
+                return self.array(Scalar::U8, 4, count).map(drop);
             }
             "FIELD" => return self.field().map(drop),
             "METADATA" => {
@@ -384,7 +394,7 @@ impl<'a> Reader<'a> {
             self.at += count * scalar.size();
             start
         };
-        Ok(Array { scalar, components, tuples, numbers: start..self.at })
+        Ok(Array { scalar, components, tuples, numbers: start..self.at, in_shares: false })
     }
 
     fn scalar(&mut self) -> Result<Scalar, ImportError> {
@@ -408,8 +418,24 @@ impl<'a> Reader<'a> {
     }
 
     /// An array's numbers.
-    fn samples(&self, array: &Array) -> Samples<'a> {
-        let bytes = Cow::Borrowed(&self.file.bytes[array.numbers.clone()]);
-        if self.is_text { Samples::Text(bytes) } else { Samples::Binary(bytes) }
+    fn samples(&self, array: &Array) -> Result<Samples<'a>, ImportError> {
+        let bytes = &self.file.bytes[array.numbers.clone()];
+        if !self.is_text {
+            return Ok(Samples::Binary(Cow::Borrowed(bytes)));
+        }
+        if !array.in_shares {
+            return Ok(Samples::Text(Cow::Borrowed(bytes)));
+        }
+        let words = bytes.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
+        let byte = |word: &[u8]| {
+            let share: Option<f64> = str::from_utf8(word).ok().and_then(|word| word.parse().ok());
+            let share = share.filter(|share| (0.0..=1.0).contains(share));
+            share.map(|share| (255.0 * share).round() as u8).ok_or_else(|| {
+                let word = quoted(&String::from_utf8_lossy(&word[..word.len().min(LONGEST)]));
+                let problem = format!("{word} in COLOR_SCALARS; they are from 0 to 1");
+                self.file.malformed(self.place(array.numbers.start), problem)
+            })
+        };
+        Ok(Samples::Binary(Cow::Owned(words.map(byte).collect::<Result<Vec<u8>, _>>()?)))
     }
 }
