@@ -168,8 +168,16 @@ fn shown_of(
     let paint = Paint::read(look, place, console)?;
     let shown = volume_clouds(field, look, paint.as_ref()).with_context(|| name.to_owned())?;
     let range = || {
-        let values = field.values().value_range();
-        values.map_or("no finite value".into(), |[a, b]| format!("values {a} to {b}"))
+        let values = field.values();
+        let [nx, ny, nz] = values.dims();
+        let range =
+            values.value_range().map_or("no finite value".into(), |[a, b]| format!("values {a} to {b}"));
+        let is_flat = look.iso.is_some() && nx.min(ny).min(nz) == 1;
+        if is_flat {
+            format!("{range}; {nx}×{ny}×{nz} samples have no cells for a surface to go through")
+        } else {
+            range
+        }
     };
     if shown.iter().all(Cloud::is_empty) {
         console.say(format_args!("{name}: nothing in it is visible ({})", range()));

@@ -64,9 +64,9 @@ pub(crate) fn load(source: Source, given: &FileOptions, console: Console) -> Res
         Content::Volume(volume) => Body::Volume(volume),
         Content::Irregular(volume) => Body::Irregular(volume),
         Content::Points(points) => Body::Points(points),
-        Content::Splats { splats, blend } => {
+        Content::Splats { splats, blend, origin } => {
             let cloud = Cloud::new(splats).with_context(|| name.clone())?;
-            Body::Splats { cloud, blend }
+            Body::Splats { cloud: cloud.transformed(DAffine3::from_translation(origin)), blend }
         }
     };
     // What a scene file says of one file must be of use for that file.

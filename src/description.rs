@@ -386,7 +386,7 @@ pub(crate) struct Look {
     /// Volumes: colour and opacity of iso-surfaces, one for all or one for each value [default: opaque light grey]
     #[arg(long, value_name = "RRGGBB[AA][,…]", value_delimiter = ',', num_args = 1)]
     pub(crate) iso_color: Option<Vec<Rgba>>,
-    /// Volumes: kernels a step of the grid, which see a transfer function between samples (post-classification) [default: 1]
+    /// Volumes: divides each voxel into N³, so that the transfer function sees what is between samples (post-classification) [default: 1]
     #[arg(long, value_name = "N")]
     pub(crate) refine: Option<usize>,
     /// Volumes: samples at the surface where the value is V, and the gradient at least G a world unit, become S times as wide as

@@ -101,8 +101,8 @@ impl Summary {
             Content::Volume(volume) => (volume_body(volume), Some(corners(volume))),
             Content::Irregular(volume) => (irregular_body(volume), Some(volume.bounds())),
             Content::Points(points) => (points_body(points), points_bounds(points)),
-            Content::Splats { splats, blend } => {
-                (splats_body(splats, *blend), bounds(splats.centers.iter().map(|p| p.as_dvec3())))
+            Content::Splats { splats, blend, origin } => {
+                (splats_body(splats, *blend), bounds(splats.centers.iter().map(|p| p.as_dvec3() + *origin)))
             }
         };
         let notes = opened.notes.iter().map(ToString::to_string).collect();

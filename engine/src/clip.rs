@@ -131,7 +131,8 @@ fn of_parts(splats: Splats, parts: &[(usize, Part)]) -> Splats {
             opacities: surface.opacities.map(|values| parts.iter().map(|(i, _)| values[*i]).collect()),
             closed: match surface.closed {
                 Closed::OneSided => Closed::OneSided,
-                Closed::Nowhere | Closed::Within(_) => Closed::Nowhere,
+                Closed::Nowhere => Closed::Nowhere,
+                Closed::Sided | Closed::Within(_) => Closed::Sided,
             },
             ..surface
         }),
@@ -223,17 +224,22 @@ mod tests {
 
     #[test]
     fn what_is_outside_goes_and_what_is_inside_stays() {
-        let strengths = [
-            Strength::Opacity { peaks: vec![0.5; 3], filter: OpacityFilter::Classic },
+        let surface = |closed: Closed| {
             Strength::Surface(Surface {
                 areas: vec![1.0; 3],
                 opacities: Some(vec![0.25, 0.5, 0.75]),
                 depth_tolerance: 0.1,
                 coverage_floor: 0.9,
-                closed: Closed::EVERYWHERE,
-            }),
+                closed,
+            })
+        };
+        let strengths = [
+            Strength::Opacity { peaks: vec![0.5; 3], filter: OpacityFilter::Classic },
+            surface(Closed::EVERYWHERE),
+            surface(Closed::Nowhere),
         ];
         for strength in strengths {
+            let is_known = strength != surface(Closed::Nowhere);
             let mut splats = splats(3, strength);
             splats.centers = vec![Vec3::ZERO, Vec3::X * 100.0, Vec3::X * -100.0];
             splats.harmonics =
@@ -253,7 +259,7 @@ mod tests {
                 assert!((a[0] - b[0]).abs() < 2.0 * 1.6e-5 * 8.0, "{a:?} became {b:?}");
             }
             if let Strength::Surface(surface) = after.strength {
-                assert_eq!(surface.closed, Closed::Nowhere);
+                assert_eq!(surface.closed, if is_known { Closed::Sided } else { Closed::Nowhere });
                 assert_eq!(surface.opacities, Some(vec![0.25, 0.5]));
             }
             let nothing = cloud.clipped(&[HalfSpace { normal: DVec3::X, offset: 1000.0 }]).unwrap();

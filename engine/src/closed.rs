@@ -13,8 +13,12 @@ use glam::{DAffine3, DVec3};
 /// body through a front.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Closed {
-    /// Backs may be seen from anywhere.
+    /// Backs may be seen from anywhere, and neighbours may face opposite ways: of points, and of meshes whose triangles turn to and fro. All of them
+    /// count as fronts where they cover a pixel together.
     Nowhere,
+    /// Backs may be seen from anywhere, but neighbours face the same way. So a front and a back are neighbours only where the sheet folds back from the
+    /// eye, and there one hides the other up to the same line: a pixel in which both end is covered as far as by either, not by both together.
+    Sided,
     /// Nobody outside of the body and within all of the half-spaces, in the space of the splats, sees backs. Where there are no
     /// half-spaces that is everybody outside.
     Within(Vec<HalfSpace>),
@@ -41,8 +45,19 @@ impl Closed {
                 Self::Within(own)
             }
             (Self::OneSided, Self::OneSided) => Self::OneSided,
-            _ => Self::Nowhere,
+            (Self::Nowhere, _) | (_, Self::Nowhere) => Self::Nowhere,
+            _ => Self::Sided,
         }
+    }
+
+    /// Whether neighbours face the same way.
+    pub(crate) fn has_sides(&self) -> bool {
+        *self != Self::Nowhere
+    }
+
+    /// Whether there is an eye that no backs are shown to.
+    pub(crate) fn hides_backs(&self) -> bool {
+        matches!(self, Self::Within(_) | Self::OneSided)
     }
 
     /// Whether no backs are seen by a camera at the origin that looks along z, outside of the body; where rays are parallel by one far behind
@@ -54,7 +69,7 @@ impl Closed {
             (camera_to_cloud.matrix3 * DVec3::NEG_Z, 0.0)
         };
         match self {
-            Self::Nowhere => false,
+            Self::Nowhere | Self::Sided => false,
             Self::OneSided => true,
             Self::Within(planes) => {
                 planes.iter().all(|plane| plane.normal.dot(eye) >= plane.offset * nearness)
@@ -132,7 +147,7 @@ mod tests {
             let by = DVec3::new(3.0, 4.0, 5.0);
             let moved = looking_along_z_from(eye + by);
             assert_eq!(closed.clone().translated(by).is_for(&moved, true), expected, "{eye}");
-            assert!(Closed::EVERYWHERE.is_for(&camera, true) && !Closed::Nowhere.is_for(&camera, true));
+            assert!(Closed::EVERYWHERE.is_for(&camera, true) && !Closed::Sided.is_for(&camera, true));
         }
         let downwards = DAffine3::from_axis_angle(DVec3::X, std::f64::consts::PI);
         assert!(closed.is_for(&downwards, false));
@@ -150,7 +165,8 @@ mod tests {
         assert_eq!(a.clone().and(&b), Closed::Within(vec![plane(1.0), plane(2.0)]));
         assert_eq!(a.clone().and(&a), a);
         assert_eq!(Closed::EVERYWHERE.and(&b), b);
-        assert_eq!(a.and(&Closed::Nowhere), Closed::Nowhere);
+        assert_eq!(a.and(&Closed::Sided), Closed::Sided);
+        assert_eq!(Closed::OneSided.and(&Closed::Nowhere), Closed::Nowhere);
     }
 
     #[test]

@@ -82,7 +82,7 @@ pub struct Surface {
     /// of surfels that stand for others as it does these.
     pub coverage_floor: f32,
     /// From where splats are dropped whose normal points away from the camera: of closed surfaces, whose backs nobody outside
-    /// sees, and of those whose backs are not to be seen, from everywhere.
+    /// sees, and of those whose backs are not to be seen, from everywhere. Of others, whether neighbours face the same way.
     pub closed: Closed,
 }
 

@@ -1,6 +1,5 @@
 //! Cones around the normals of surfels: which of a closed surface's clusters show nothing but backs.
 
-use crate::closed::Closed;
 use crate::columns::{Column, Columns, Factors, Kind, LANES};
 use crate::simd::{self, *};
 use glam::{DVec3, Vec3};
@@ -31,7 +30,7 @@ impl Cone {
     /// Around the vector areas of splats, the first of which begins a block.
     pub(crate) fn of(columns: &Columns, splats: &Range<usize>) -> Self {
         match (&columns.kind, &columns.factors) {
-            (Kind::Surface(surface), Factors::Each { flat, .. }) if surface.closed != Closed::Nowhere => {
+            (Kind::Surface(surface), Factors::Each { flat, .. }) if surface.closed.hides_backs() => {
                 dispatch!(simd::Level::best(), simd => Self::of_half_axes(simd, flat, splats))
             }
             _ => Self::ALL,
@@ -106,6 +105,7 @@ fn areas<S: Simd>(simd: S, [a, b, c, d, e, f]: &[[f32; LANES]; 6]) -> V3<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::closed::Closed;
     use crate::cloud::{Cloud, Material, Shapes, Splats, Strength, Surface, oblate_factor};
     use crate::columns::CHILDREN;
     use proptest::prelude::*;

@@ -154,8 +154,7 @@ impl LayerBuilder<'_> {
             end: wanted,
             takes_all: false,
         };
-        let mut seen_through =
-            SeenThrough { bare: W::simd_from(simd, 1.0), covered: W::simd_from(simd, 0.0) };
+        let mut seen_through = SeenThrough::all(simd);
         let mut evaluated = 0;
         for layer in 0..MAX_LAYERS {
             peel.takes_all = layer + 1 == MAX_LAYERS;
@@ -240,6 +239,19 @@ impl LayerBuilder<'_> {
         evaluated
     }
 
+    /// Of which pixels the layer's cloud has sides.
+    #[inline(always)]
+    fn have_sides<S: Simd>(&self, simd: S, clouds: u32x16<S>) -> mask32x16<S> {
+        if self.surfaces.all_have_sides {
+            return mask32x16::splat(simd, true);
+        }
+        let clouds: [u32; PIXELS] = clouds.into();
+        let has_sides =
+            |cloud: u32| self.surfaces.clouds.get(cloud as usize).is_some_and(|cloud| cloud.has_sides);
+        let bits = clouds.iter().rev().fold(0, |bits, cloud| bits << 1 | u64::from(has_sides(*cloud)));
+        mask32x16::from_bitmask(simd, bits)
+    }
+
     /// Turns the sums of a layer into a cut and makes ready for the next; says whether any pixel has a sample, and
     /// whether another layer is needed.
     #[inline(always)]
@@ -259,19 +271,27 @@ impl LayerBuilder<'_> {
         // Seen exactly edge-on a plane covers nothing, and hides nothing.
         let inverse = weight.simd_gt(W::simd_from(simd, 1e-30)).select(one / weight, zero);
         let mut opacity = one - (sums.clear * inverse).min(one);
-        // A layer may be several sheets, one behind the other: as many as it covers the pixel times. But what a single one may cover too much by
-        // unevenness is none, and twice that is as much.
-        let even = sums.even / sums.clear;
-        let more = weight.mul_sub(even, one);
-        let beyond_one = more - (one - even);
-        // What rounding leaves of a clear layer isn't more in several sheets.
-        let is_many = beyond_one.simd_gt(zero) & opacity.simd_gt(W::simd_from(simd, LEAST_VISIBLE));
-        if is_many.any_true() {
-            let sheets = (beyond_one + beyond_one).min(more) + one;
-            let deep = crate::simd::opacity(simd, optical_depth(simd, opacity) * sheets);
-            opacity = is_many.select(deep, opacity);
+        let has_sides = self.have_sides(simd, peel.cloud);
+        let coverage = [has_sides.select(front.weight, weight), has_sides.select(back.weight, zero)];
+        if sums.clear.simd_gt(zero).any_true() {
+            // A layer may be several sheets, one behind the other: as many as it covers its share of the pixel times. But what a single one may cover
+            // too much by unevenness is none, and twice that is as much.
+            let even = sums.even / sums.clear;
+            let times = weight / coverage[0].max(coverage[1]).min(one);
+            let more = times.mul_sub(even, one);
+            let beyond_one = more - (one - even);
+            // What rounding leaves of a clear layer isn't more in several sheets.
+            let is_many = beyond_one.simd_gt(zero) & opacity.simd_gt(W::simd_from(simd, LEAST_VISIBLE));
+            if is_many.any_true() {
+                let sheets = (beyond_one + beyond_one).min(more) + one;
+                let deep = crate::simd::opacity(simd, optical_depth(simd, opacity) * sheets);
+                opacity = is_many.select(deep, opacity);
+            }
         }
-        let coverage = found.select(weight.min(one), zero);
+        let coverage = coverage.each(
+            #[inline(always)]
+            |of_side| found.select(of_side, zero),
+        );
         let [alpha, seen] = seen_through.cover(simd, coverage, found.select(opacity, zero));
         // On the side that is seen.
         let shows_front = front.weight.simd_ge(back.weight);

@@ -5,7 +5,6 @@ use crate::check::Wrong;
 use crate::content::open;
 use crate::description::{FileOptions, Look};
 use crate::finish::{Paint, kept};
-use crate::notation::comma_list;
 use crate::output::Output;
 use crate::progress::Console;
 use crate::volume_looks::{Field, volume_clouds};
@@ -78,7 +77,7 @@ pub(crate) fn run(args: ConvertArgs) -> Result<()> {
         opened.content
     } else {
         let paint = Paint::read(&args.look, DAffine3::IDENTITY, console)?;
-        splats(opened.content, &args.look, paint.as_ref(), &mut notes).with_context(|| name.clone())?
+        splats(opened.content, &args.look, paint.as_ref()).with_context(|| name.clone())?
     };
     output.finish(|file| {
         notes.extend(save(&content, up, target, file)?);
@@ -129,7 +128,7 @@ fn one_cloud(look: &Look, format: &str, clouds: impl FnOnce(&Look) -> Result<Vec
 }
 
 /// Splats of what is none yet.
-fn splats(content: Content, look: &Look, paint: Option<&Paint>, notes: &mut Vec<Note>) -> Result<Content> {
+fn splats(content: Content, look: &Look, paint: Option<&Paint>) -> Result<Content> {
     let kept = kept(look);
     let cloud = match content {
         Content::Mesh(mesh) => {
@@ -144,20 +143,21 @@ fn splats(content: Content, look: &Look, paint: Option<&Paint>, notes: &mut Vec<
             volume_clouds(Field::Irregular(&volume), look, paint)
         })?,
         Content::Points(points) => point_cloud(&points, look)?,
-        Content::Splats { splats, blend } if !kept.is_empty() => {
-            let cloud = Cloud::new(splats)?.clipped(&kept)?;
+        Content::Splats { splats, blend, origin } if !kept.is_empty() => {
+            let cloud = Cloud::new(splats)?.transformed(DAffine3::from_translation(origin)).clipped(&kept)?;
             ensure!(!cloud.is_empty(), "nothing of it is within the planes");
-            return Ok(Content::Splats { splats: cloud.splats(), blend });
+            return Ok(Content::Splats { splats: cloud.splats(), blend, origin });
         }
         splats => return Ok(splats),
     };
     let cloud = cloud.clipped(&kept)?;
     ensure!(!cloud.is_empty(), "there is nothing visible in it");
-    Ok(Content::Splats { splats: in_place(&cloud, notes), blend: Blend::Linear })
+    let (splats, origin) = in_place(&cloud);
+    Ok(Content::Splats { splats, blend: Blend::Linear, origin })
 }
 
 /// The splats of a cloud in world space; relative to the cloud's place, where rounding would move them visibly.
-fn in_place(cloud: &Cloud, notes: &mut Vec<Note>) -> Splats {
+fn in_place(cloud: &Cloud) -> (Splats, DVec3) {
     let mut splats = cloud.splats();
     // What becomes splats here is moved, but neither turned nor scaled.
     let place = cloud.cloud_to_world().translation;
@@ -167,10 +167,7 @@ fn in_place(cloud: &Cloud, notes: &mut Vec<Note>) -> Splats {
     let farthest = cloud.bounds().map_or(0.0, |[low, high]| low.abs().max(high.abs()).max_element());
     if farthest * f64::from(f32::EPSILON) / 2.0 <= SMALL_MOVE * mean_sigma {
         splats.centers.iter_mut().for_each(|center| *center = (center.as_dvec3() + place).as_vec3());
-    } else {
-        // Single precision has no room for places on a map.
-        let text = format!("the place {}, which centres are relative to", comma_list(&place.to_array()));
-        notes.push(Note::LeftOut(text));
+        return (splats, DVec3::ZERO);
     }
-    splats
+    (splats, place)
 }

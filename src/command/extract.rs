@@ -4,7 +4,7 @@ use super::use_threads;
 use crate::check::Wrong;
 use crate::content::{open, open_options};
 use crate::description::FileOptions;
-use crate::notation::{comma_list, distance_and_angle};
+use crate::notation::distance_and_angle;
 use crate::output::{Output, StatsPlace, WriteSeek};
 use crate::progress::Console;
 use crate::stats::{median, milliseconds, peak_mib, rounded, timed};
@@ -177,10 +177,11 @@ fn whole(args: &ExtractArgs, settings: &IsoSettings, output: Output) -> Result<E
             low.distance(high)
         }
     };
-    let place = place_of(surfels.frame(), reach, console);
+    let places = places_of(surfels.frame(), reach);
     let ((), write_time) = timed(|| {
         output.finish(|file| {
-            let mut writer = SurfelWriter::new(file, Blend::Linear);
+            let [place, origin] = places;
+            let mut writer = SurfelWriter::new(file, Blend::Linear, origin);
             match &merged {
                 Some((merged, _)) => write([merged.cloud.splats()], place, &mut writer)?,
                 None => write(surfels.parts(settings), place, &mut writer)?,
@@ -227,17 +228,19 @@ fn stream(args: &ExtractArgs, settings: &IsoSettings, output: Output) -> Result<
     let told = std::sync::Arc::clone(&task);
     options.watch = Some(Watch::new(move |done, of| told.at(done, of)));
     let slices = RawSlices::open(&args.volume, &options)?;
-    let place = place_of(slices.grid().frame, reach(slices.grid()), console);
-    let (mut area, mut closed, mut count) = (0.0, true, 0);
+    let [place, origin] = places_of(slices.grid().frame, reach(slices.grid()));
+    let (mut area, mut closed, mut found, mut count) = (0.0, true, false, 0);
     let begun = Instant::now();
     output.finish(|file| {
-        let mut writer = SurfelWriter::new(file, Blend::Linear);
+        let mut writer = SurfelWriter::new(file, Blend::Linear, origin);
         let read = |range| slices.read(range).map_err(anyhow::Error::from);
         stream_iso_surfels(&slices.grid(), args.iso, settings.interpolation, read, |surfels| {
             area += surfels.area();
+            found |= !surfels.is_empty();
             closed &= surfels.is_closed();
             write(surfels.parts(settings), place, &mut writer)
         })?;
+        ensure!(found, "there are no splats to write: no surface is at {}", args.iso);
         count = writer.finish()?;
         Ok(())
     })?;
@@ -311,16 +314,16 @@ fn reach(Grid { dims, frame }: Grid) -> f64 {
     (frame.spacing * DVec3::from(dims.map(|d| d as f64))).length()
 }
 
-/// Where surfels of a frame go: its origin in the world, if single precision has room for them as far from there as they reach.
-fn place_of(frame: GridFrame, reach: f64, console: Console) -> DVec3 {
+/// What is added to the centres of a frame's surfels, and what they then are relative to: its origin is added if single precision has room for them
+/// as far from there as they reach.
+fn places_of(frame: GridFrame, reach: f64) -> [DVec3; 2] {
     let farthest = frame.origin.abs().max_element() + reach;
     // A surfel's σ is two thirds of a step; rounding may move it by a hundredth.
     if farthest * f64::from(f32::EPSILON) / 2.0 <= frame.spacing.max_element() / 150.0 {
-        return frame.origin;
+        [frame.origin, DVec3::ZERO]
+    } else {
+        [DVec3::ZERO, frame.origin]
     }
-    let origin = comma_list(&frame.origin.to_array());
-    console.say(format_args!("left out: the place {origin}, which centres are relative to"));
-    DVec3::ZERO
 }
 
 /// One surfel where several are alike. They have one colour.

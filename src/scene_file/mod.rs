@@ -11,7 +11,7 @@
 //! transfer = "amber"             # a preset or a file
 //! iso = [60, 200]
 //! iso-color = ["d0c8b840", "ffffff"] # sRGB and opacity, one for all or one for each value; else opaque light grey
-//! refine = 2                     # kernels a step: the transfer function is applied between samples, too
+//! refine = 2                     # each voxel as 2³: the transfer function is applied between samples, too
 //! flatten = [120, 5]             # samples at this value, of this gradient or more, as surfels among the kernels
 //! color-by = "heat.vti"          # colours by another volume's values, by default those of the first preset
 //! color-transfer = "heat.txt"

@@ -5,6 +5,7 @@ use crate::grading::side;
 use crate::mesh::{Mesh, Primitive, Texture};
 use crate::sight::Sight;
 use glam::{DVec3, Vec3};
+use oblate_engine::Closed;
 use rayon::prelude::*;
 
 /// Triangles that one task measures.
@@ -88,6 +89,13 @@ impl Mesh {
     /// opposite directions, and each part that hangs together encloses a volume on the inner side of its triangles, so that nobody outside sees
     /// their backs. (The wall of a cavity by itself doesn't: a mesh with one is not closed.) Vertices at exactly one place count as one, whatever primitive they are of.
     pub fn is_closed(&self) -> bool {
+        self.closed() == Closed::EVERYWHERE
+    }
+
+    /// [`Closed::EVERYWHERE`] where it is; [`Closed::Sided`] where its triangles face the same way as their neighbours, so far as is known of nine edges in
+    /// ten: no two triangles that meet along an edge alone run along it in one direction, and of more than two that meet there not more than one in a
+    /// thousand do; else [`Closed::Nowhere`].
+    pub(crate) fn closed(&self) -> Closed {
         let bits = |primitive: &Primitive, p: &Vec3| {
             let placed = primitive.primitive_to_mesh.transform_point3(p.as_dvec3());
             (placed + DVec3::ZERO).to_array().map(f64::to_bits) // −0 is 0
@@ -98,7 +106,7 @@ impl Mesh {
             .flat_map(|primitive| primitive.positions.par_iter().map(move |p| bits(primitive, p)))
             .collect();
         if places.len() > u32::MAX as usize {
-            return false;
+            return Closed::Nowhere;
         }
         let mut known = places.clone();
         known.par_sort_unstable();
@@ -123,10 +131,18 @@ impl Mesh {
         let mut edges: Vec<(u32, u32)> =
             triangles.par_iter().flat_map_iter(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
         edges.par_sort_unstable();
-        let once = edges.par_windows(2).all(|pair| pair[0] != pair[1]);
-        let is_closed = once && edges.par_iter().all(|&(a, b)| edges.binary_search(&(b, a)).is_ok());
+        let is_paired = |&(a, b): &(u32, u32)| edges.binary_search(&(b, a)).is_ok();
+        let alone = edges.par_iter().filter(|edge| !is_paired(edge)).count();
+        let repeated: Vec<(u32, u32)> =
+            edges.par_windows(2).filter(|pair| pair[0] == pair[1]).map(|pair| pair[0]).collect();
         let known: Vec<DVec3> = known.par_iter().map(|place| place.map(f64::from_bits).into()).collect();
-        is_closed && !triangles.is_empty() && enclose(&known, &triangles)
+        let is_even = alone == 0 && repeated.is_empty() && !triangles.is_empty();
+        if is_even && enclose(&known, &triangles) {
+            return Closed::EVERYWHERE;
+        }
+        let is_known =
+            10 * alone <= edges.len() && 1000 * repeated.len() <= edges.len() && !triangles.is_empty();
+        if is_known && repeated.iter().all(is_paired) { Closed::Sided } else { Closed::Nowhere }
     }
 
     /// Whether nothing in it is double-sided.

@@ -103,7 +103,7 @@ pub fn sample(mesh: &Mesh, density: Density, settings: &SamplerSettings) -> Resu
     };
     let [low, high] = extent.bounds;
     let least = fewest_spacing(extent, settings).max((high - low).max_element() / MOST_SPACINGS);
-    let clouds = spread((mesh, mesh.is_closed()), (extent, spacing.max(least)), None, settings)?;
+    let clouds = spread((mesh, mesh.closed()), (extent, spacing.max(least)), None, settings)?;
     // Of one level.
     clouds.into_iter().next().ok_or(SampleError::NoArea)
 }
@@ -129,8 +129,12 @@ pub fn sample_seen(
         return Err(SampleError::NoArea);
     }
     // Whoever is in a body sees its backs.
-    let is_closed = camera.is_outside(&DAffine3::IDENTITY, whole.bounds) && mesh.is_closed();
-    let drops_backs = is_closed && (mesh.is_single_sided() || mesh.is_opaque());
+    let is_outside = camera.is_outside(&DAffine3::IDENTITY, whole.bounds);
+    let closed = match mesh.closed() {
+        Closed::Within(_) if !is_outside => Closed::Sided,
+        closed => closed,
+    };
+    let drops_backs = closed.is_everywhere() && (mesh.is_single_sided() || mesh.is_opaque());
     let Some(mut nearest) = nearest_depth(mesh, camera) else { return Ok(Vec::new()) };
     let mut pixels = 1.0;
     loop {
@@ -149,7 +153,7 @@ pub fn sample_seen(
                 pixels *= 1.01 * longest / MOST_SPACINGS / spacing;
             }
             _ if spacing < fewest => pixels *= 1.01 * fewest / spacing,
-            _ => return spread((mesh, is_closed), (extent, spacing), Some(&sight), settings),
+            _ => return spread((mesh, closed), (extent, spacing), Some(&sight), settings),
         }
     }
 }
@@ -184,9 +188,9 @@ fn fewest_spacing(extent: Extent, settings: &SamplerSettings) -> f64 {
     (extent.area / most).sqrt()
 }
 
-/// Surfels on what is seen of a checked mesh, which is closed or isn't; a cloud for each level, near ones first.
+/// Surfels on what is seen of a checked mesh, with what is known of its sides; a cloud for each level, near ones first.
 fn spread(
-    (mesh, is_closed): (&Mesh, bool),
+    (mesh, closed): (&Mesh, Closed),
     (extent, mut spacing): (Extent, f64),
     sight: Option<&Sight>,
     settings: &SamplerSettings,
@@ -230,7 +234,7 @@ fn spread(
             let cell = cell * side(found.level);
             let (origin, width) = found.middle_and_width(grading);
             let sizes = (cell, spacing * width);
-            let splats = splats((&found.blocks, origin), sizes, (mesh, is_closed), settings);
+            let splats = splats((&found.blocks, origin), sizes, (mesh, &closed), settings);
             Ok(Cloud::new(splats)?.transformed(DAffine3::from_translation(middle + origin * cell)))
         };
         return found.iter().filter(|found| found.count() > 0).map(of_level).collect();
@@ -241,7 +245,7 @@ fn spread(
 fn splats(
     (blocks, origin): (&[Vec<Surfel>], DVec3),
     (cell, spacing): (f64, f64),
-    (mesh, is_closed): (&Mesh, bool),
+    (mesh, closed): (&Mesh, &Closed),
     settings: &SamplerSettings,
 ) -> Splats {
     let translucent = blocks.par_iter().flatten_iter().any(|surfel| surfel.color.w < 1.0 - 1e-6);
@@ -270,8 +274,8 @@ fn splats(
             coverage_floor: MESH_COVERAGE_FLOOR,
             closed: match (translucent, mesh.is_single_sided()) {
                 (true, true) => Closed::OneSided,
-                (true, false) => Closed::Nowhere,
-                (false, _) => is_closed.into(),
+                (true, false) if *closed != Closed::Nowhere => Closed::Sided,
+                _ => closed.clone(),
             },
         }),
         colors,

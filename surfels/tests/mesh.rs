@@ -3,7 +3,7 @@
 mod support;
 
 use glam::{DAffine3, DVec3, Vec2, Vec3, Vec4, dvec3};
-use oblate_engine::{Camera, Cloud, Intrinsics, Pose, Projection};
+use oblate_engine::{Camera, Closed, Cloud, Intrinsics, Pose, Projection};
 use oblate_surfels::{
     Density, Mesh, Primitive, SampleError, SamplerSettings, Texture, Wrap, primitives, sample, view_spacing,
 };
@@ -117,6 +117,26 @@ fn closed_meshes_are_told_from_open_ones() {
     assert!(!both.is_closed());
     assert!(!Mesh::default().is_closed());
     assert!(surface(&surfels(&knot(2, 3), 500).unwrap()).closed.is_everywhere());
+}
+
+/// An open mesh has sides if its triangles are known to face as their neighbours do.
+#[test]
+fn sides_are_told_from_none() {
+    let closed = |mesh: &Mesh| surface(&surfels(mesh, 500).unwrap()).closed.clone();
+    let plane = mesh_of(primitives::plane(20), DAffine3::IDENTITY);
+    assert_eq!(closed(&plane), Closed::Sided);
+    let changed = |change: fn(&mut Vec<[u32; 3]>)| {
+        let mut mesh = plane.clone();
+        change(&mut mesh.primitives[0].triangles);
+        closed(&mesh)
+    };
+    // Turned, all of them are; one, or half, are not as the others are.
+    assert_eq!(changed(|all| all.iter_mut().for_each(|t| t.swap(0, 1))), Closed::Sided);
+    assert_eq!(changed(|all| all[300].swap(0, 1)), Closed::Nowhere);
+    assert_eq!(changed(|all| all[..400].iter_mut().for_each(|t| t.swap(0, 1))), Closed::Nowhere);
+    // A third sheet at one edge of 2400 is none of its own; where few triangles have neighbours nothing is known.
+    assert_eq!(changed(|all| all.push([all[300][0], all[300][1], 0])), Closed::Sided);
+    assert_eq!(changed(|all| *all = all.iter().step_by(2).copied().collect()), Closed::Nowhere);
 }
 
 #[test]

@@ -124,11 +124,41 @@ fn surfels_stand_where_they_stood() {
     // Centres of up to 107 are rounded to 2⁻¹⁸, a hundred-thousandth of a voxel.
     let found = difference(&pictures[0], &pictures[1]);
     assert!(found <= 1, "{found} levels");
-    // Half a unit is what single precision has five million units away.
+}
+
+/// Half a unit is what single precision has five million units away.
+#[test]
+fn places_on_maps_are_kept() {
+    let place = Workplace::new();
+    place.ball();
     let points: String = (0..50).map(|i| format!("{} {} 7\n", 500_000 + i % 7, 5_000_000 + i / 7)).collect();
     place.write("a.xyz", points);
-    let [_, said] = place.run(&["convert", "a.xyz", "b.ply"]);
-    assert!(said.contains("left out: the place 5000"), "{said}");
+    let ball = std::fs::read(place.path("ball_16x16x16_uint8.raw")).unwrap();
+    let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 16 16 16\nencoding: raw\nspace dimension: 3\n\
+        space directions: (0.4,0,0) (0,0.4,0) (0,0,0.4)\nspace origin: (500000,5000000,4)\n\n";
+    place.write("a.nrrd", [header.as_bytes(), &ball].concat());
+    let view =
+        ["--eye", "500003,5000003,30", "--target", "500003,5000003,7", "--up", "0,1,0", "--size", "48x48"];
+    let picture = |file: &[&str]| {
+        place.run(&[&["render", "-o", "a.png"], file, &view].concat());
+        levels(&place.path("a.png"))
+    };
+    let iso: &[&str] = &["--iso", "100"];
+    for (command, from, options) in
+        [("convert", "a.xyz", &[][..]), ("convert", "a.nrrd", iso), ("extract", "a.nrrd", iso)]
+    {
+        let to: &[&str] = if command == "extract" { &["-o", "b.ply"] } else { &["b.ply"] };
+        let [_, said] = place.run(&[&[command, from], to, options].concat());
+        assert!(!said.contains("the place"), "{said}");
+        // Numbers relative to the origin are as they were.
+        let found = difference(&picture(&[&[from], options].concat()), &picture(&["b.ply"]));
+        assert!(found <= 1, "{command} {from}: {found} levels");
+        let [out, _] = place.run(&["info", "b.ply"]);
+        assert!(out.contains("50000"), "{out}");
+    }
+    // Other formats have no room for it.
+    let [_, said] = place.run(&["convert", "b.ply", "b.spz"]);
+    assert!(said.contains("left out: the place 500000,5000000,4"), "{said}");
 }
 
 #[test]

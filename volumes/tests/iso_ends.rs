@@ -60,7 +60,7 @@ fn bodies_end_at_the_faces_they_reach() {
     let holed = sampled([11; 3], frame, |p| {
         if p == DVec3::new(5.0, 5.0, 8.0) { f64::NAN } else { 3.0 - (p - DVec3::splat(5.0)).length() }
     });
-    assert_eq!(surface(&cloud(&holed)).closed, Closed::Nowhere);
+    assert_eq!(surface(&cloud(&holed)).closed, Closed::Sided);
 }
 
 /// A half of a ball that is cut open below: seen from above it has no backs, seen from below it has them, as it has where it is
@@ -90,7 +90,7 @@ fn backs_are_seen_through_the_face_alone() {
     };
     for orthographic in [false, true] {
         let all = |height| {
-            [Closed::EVERYWHERE, Closed::Nowhere].map(|closed| picture(&as_if(closed), height, orthographic))
+            [Closed::EVERYWHERE, Closed::Sided].map(|closed| picture(&as_if(closed), height, orthographic))
         };
         for (height, has_backs) in [(9.0, false), (-9.0, true)] {
             let [without, with] = all(height);
@@ -101,5 +101,5 @@ fn backs_are_seen_through_the_face_alone() {
     }
     let translucent = IsoSettings { opacity: 0.5, ..IsoSettings::default() };
     let translucent = iso_surfels(&volume, 0.0, &translucent).unwrap();
-    assert_eq!(surface(&translucent).closed, Closed::Nowhere);
+    assert_eq!(surface(&translucent).closed, Closed::Sided);
 }

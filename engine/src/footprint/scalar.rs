@@ -11,7 +11,7 @@ use crate::color::{linear_to_srgb, srgb_to_linear};
 use crate::columns::{self, Columns};
 use crate::cull::{Frustum, VisibleRange};
 use crate::harmonics::basis;
-use crate::levels::{Level, Orientation};
+use crate::levels::{Level, Orientation, Shown};
 use crate::occlusion::Looked;
 use crate::scene::{Blend, FootprintForm, RenderSettings};
 use crate::shade::Shader;
@@ -61,6 +61,8 @@ pub(super) struct Projector<'a> {
     pub(super) determinant: f64,
     /// Of a surface that is closed for the viewer only what faces that viewer is seen.
     pub(super) hides_backs: bool,
+    /// What is seen of surfels that stand for others.
+    pub(super) shown: Shown,
     /// Whether splats stand for others, and their normals are means, shorter than 1.
     pub(super) has_means: bool,
 }
@@ -90,6 +92,10 @@ impl<'a> Projector<'a> {
             normal_to_camera,
             determinant,
             hides_backs: range.hides_backs,
+            shown: match &cloud.levels()[range.level].columns.kind {
+                columns::Kind::Surface(surface) => Shown::of(&surface.closed, range.hides_backs),
+                _ => Shown::Both,
+            },
             has_means: range.level > 0,
         }
     }
@@ -107,7 +113,7 @@ impl<'a> Projector<'a> {
         // The vector area of what is seen, and of what area it is a share.
         let side = splats.orientations.as_ref().map(|orientations| {
             let seen_along = self.seen_along(splats.center(index));
-            Orientation::of_numbers(orientations.row(index)).side(seen_along, self.hides_backs)
+            Orientation::of_numbers(orientations.row(index)).side(seen_along, self.shown)
         });
         let (facing, area_scale) = match &side {
             Some(side) => (self.normal_to_camera * side.area, 1.0),

@@ -72,30 +72,55 @@ impl<S: Simd> Side<S> {
 
 /// How far one sees into a pixel past its layers so far.
 ///
-/// Coverage is a share of the pixel's area. A layer covers what is left bare first, and only then what is
-/// covered already: the parts of one surface that fall into two layers, at a crease or along a silhouette, lie
-/// beside each other. Were they independent, every such pixel would let the background through.
+/// Coverage is a share of the pixel's area. A front covers first what fronts have left bare, and only then what they
+/// cover already: the parts of one surface that fall into two layers, at a crease or along a silhouette, lie
+/// beside each other. Were they independent, every such pixel would let the background through. So do backs. But a front and a back meet only
+/// where a sheet folds, and there both end at one line: what either covers, the other covers, too.
 #[derive(Clone, Copy)]
 pub(super) struct SeenThrough<S: Simd> {
-    /// Share of the pixel that no layer covers.
-    pub(super) bare: W<S>,
+    /// Shares of the pixel that fronts cover, and backs; and that both do.
+    sides: [W<S>; 2],
+    covered: W<S>,
     /// What the covered share lets through, as a share of the pixel.
-    pub(super) covered: W<S>,
+    veiled: W<S>,
 }
 
 impl<S: Simd> SeenThrough<S> {
-    /// Puts a layer behind; gives the opacity with which it is composited, and what is still seen.
     #[inline(always)]
-    pub(super) fn cover(&mut self, simd: S, coverage: W<S>, opacity: W<S>) -> [W<S>; 2] {
-        let Self { bare, covered } = *self;
+    pub(super) fn all(simd: S) -> Self {
+        let zero = W::simd_from(simd, 0.0);
+        Self { sides: [zero; 2], covered: zero, veiled: zero }
+    }
+
+    /// Puts a layer behind, by the coverage of its fronts and of its backs; gives the opacity with which it is composited, and what is still seen.
+    #[inline(always)]
+    pub(super) fn cover(&mut self, simd: S, [front, back]: [W<S>; 2], opacity: W<S>) -> [W<S>; 2] {
         let (one, zero) = (W::simd_from(simd, 1.0), W::simd_from(simd, 0.0));
-        let before = bare + covered;
-        let beside = coverage.min(bare);
-        let behind = bare.simd_lt(one).select((coverage - beside) / (one - bare), zero);
-        self.covered = covered * (one - opacity * behind) + beside * (one - opacity);
-        self.bare = bare - beside;
-        let after = self.bare + self.covered;
+        let covered = self.covered;
+        let before = one - covered + self.veiled;
+        self.sides = [(self.sides[0] + front).min(one), (self.sides[1] + back).min(one)];
+        let all = self.both(simd).max(covered);
+        self.covered = all;
+        let beside = all - covered;
+        let again = (front.max(back).min(one) - beside).max(zero);
+        let behind = covered.simd_gt(zero).select(again / covered, zero);
+        self.veiled = self.veiled * (one - opacity * behind) + beside * (one - opacity);
+        let after = one - all + self.veiled;
         let alpha = before.simd_gt(zero).select(one - after / before, one);
         [alpha, after]
+    }
+
+    /// The share of the pixel that both sides cover: the greater one, within which the lesser lies unless it is so little that it is a sample here and there
+    /// that is turned.
+    #[inline(always)]
+    fn both(&self, simd: S) -> W<S> {
+        let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
+        let [front, back] = self.sides;
+        let (most, least) = (front.max(back), front.min(back));
+        let mut beside = most.simd_gt(zero).select(one - least / most, zero);
+        for _ in 0..3 {
+            beside = beside * beside;
+        }
+        least.mul_add(beside, most).min(one)
     }
 }

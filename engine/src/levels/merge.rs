@@ -3,7 +3,6 @@
 use super::family::{Family, Member, mean_shadow, outer};
 use super::need::Terms;
 use super::{Level, Orientation, clusters, range_of};
-use crate::closed::Closed;
 use crate::cloud::{Harmonics, Shapes, Splats, Strength, Surface};
 use crate::color::{linear_to_srgb, srgb_to_linear};
 use crate::columns::{CHILDREN, Column, Columns, Kind, SurfaceKind};
@@ -132,10 +131,9 @@ impl Merged {
                 factor = lower_factor(covariance);
             }
             Kind::Surface(SurfaceKind { ref closed, .. }) => {
-                // A sheet has no front; what is closed from anywhere has, and its normals are on that side.
+                // What has no sides has none that all normals are on.
                 let own = |m: &Member| m.orientation.mean;
-                let is_sheet = *closed == Closed::Nowhere;
-                let means = if is_sheet { turned(family, own) } else { each(family, own) };
+                let means = if closed.has_sides() { each(family, own) } else { turned(family, own) };
                 normals = each(family, |m| m.normal);
                 for ((normal, mean), m) in normals.iter_mut().zip(means).zip(family.members()) {
                     *normal *= if mean.dot(m.orientation.mean) < 0.0 { -1.0 } else { 1.0 };

@@ -19,7 +19,7 @@ use family::frobenius_squared;
 use glam::Vec3;
 use merge::coarser;
 use order::make_compact;
-pub(crate) use orientation::{LEAST_WIDTH, Orientation};
+pub(crate) use orientation::{LEAST_WIDTH, Orientation, Shown};
 use rayon::prelude::*;
 use std::ops::Range;
 

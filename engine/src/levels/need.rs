@@ -10,9 +10,8 @@
 //! Random signs would ask for 0.7 of a dipole and 0.2 of a third moment; neighbours of real scenes cancel better. Lattices don't:
 //! the factor of fourth cumulants is that of a plane's coverage where levels meet.
 
-use super::Orientation;
 use super::family::{Family, eigenvalues, frobenius_squared, outer};
-use crate::closed::Closed;
+use super::{Orientation, Shown};
 use crate::cloud::{Material, OpacityFilter};
 use crate::columns::{CHILDREN, Columns, Kind, SurfaceKind};
 use glam::{DMat3, DVec3};
@@ -133,7 +132,11 @@ impl Terms {
             let bent = (1.0 - orientation.mean.length()).max(0.0);
             let facing = orientation.mean.normalize_or(DVec3::Z);
             let through = facing.dot(family.between * facing).max(0.0).sqrt();
-            let lost = if bent > FLAT { lost(family, orientation, *closed != Closed::Nowhere) } else { 0.0 };
+            let lost = if bent > FLAT {
+                lost(family, orientation, if closed.has_sides() { Shown::Fronts } else { Shown::Both })
+            } else {
+                0.0
+            };
             terms.random[0] =
                 LOST * lost + LAYER * (through / f64::from(depth_tolerance).max(f64::MIN_POSITIVE)).min(1.0);
             terms.bend = BEND / f64::from(coverage_floor) * 2.0 * (trace(family.between) * bent).sqrt();
@@ -190,11 +193,12 @@ const OF_TOLERANCE: f64 = 0.8;
 /// To 1 %.
 const BISECTIONS: usize = 6;
 
-/// By how much what is seen of a family is off, as a share of its area, at most: how it is seen from fourteen sides, if backs are or are not.
-fn lost(family: &Family, orientation: &Orientation, hides_backs: bool) -> f64 {
+/// By how much what is seen of a family is off, as a share of its area, at most: how it is seen from fourteen sides. Where fronts are told from backs
+/// each have to be right, and the backs are fronts from the opposite side.
+fn lost(family: &Family, orientation: &Orientation, shown: Shown) -> f64 {
     let off = |u: DVec3| {
-        let own = family.average(|m| m.orientation.seen_from(u, hides_backs));
-        (orientation.seen_from(u, hides_backs) - own).abs()
+        let own = family.average(|m| m.orientation.seen_from(u, shown));
+        (orientation.seen_from(u, shown) - own).abs()
     };
     SIDES.into_iter().flat_map(|u| [off(u), off(-u)]).fold(0.0, f64::max)
 }

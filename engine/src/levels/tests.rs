@@ -1,4 +1,5 @@
 use super::*;
+use crate::closed::Closed;
 use crate::cloud::{Cloud, Harmonics, Material, OpacityFilter, Shapes, Splats, Strength, Surface};
 use crate::color::linear_to_srgb;
 use crate::columns::Kind;
@@ -37,7 +38,7 @@ fn splats(count: usize, strength: impl Fn(Vec<f32>) -> Strength) -> Splats {
     }
 }
 
-fn surface(closed: bool) -> impl Fn(Vec<f32>) -> Strength {
+fn surface(closed: Closed) -> impl Fn(Vec<f32>) -> Strength {
     move |areas| {
         let opacities = Some(areas.iter().map(|a| 1.0 - a).collect());
         Strength::Surface(Surface {
@@ -45,7 +46,7 @@ fn surface(closed: bool) -> impl Fn(Vec<f32>) -> Strength {
             opacities,
             depth_tolerance: 0.1,
             coverage_floor: 0.9,
-            closed: closed.into(),
+            closed: closed.clone(),
         })
     }
 }
@@ -54,8 +55,9 @@ fn clouds(count: usize) -> Vec<Cloud> {
     let all = [
         splats(count, |masses| Strength::Extinction { masses }),
         splats(count, |peaks| Strength::Opacity { peaks, filter: OpacityFilter::Compensated }),
-        splats(count, surface(true)),
-        splats(count, surface(false)),
+        splats(count, surface(Closed::EVERYWHERE)),
+        splats(count, surface(Closed::Sided)),
+        splats(count, surface(Closed::Nowhere)),
     ];
     all.into_iter().map(|splats| Cloud::new(splats.in_morton_order()).unwrap().with_levels()).collect()
 }
@@ -100,7 +102,7 @@ fn assert_kept(cloud: &Cloud, kept: impl Fn(usize) -> bool) {
 
 #[test]
 fn volumes_keep_mass_mean_covariance_and_looks() {
-    let [volume, mut trained] = clouds(5000).try_into().map(|[a, b, ..]: [Cloud; 4]| [a, b]).unwrap();
+    let [volume, mut trained] = clouds(5000).try_into().map(|[a, b, ..]: [Cloud; 5]| [a, b]).unwrap();
     assert_eq!(volume.levels().iter().map(|level| level.columns.len).collect::<Vec<_>>(), [5000, 1250, 313]);
     // Normals are kept but for their signs.
     assert_kept(&volume, |number| !(16..19).contains(&number));
@@ -141,7 +143,7 @@ fn closed_surfaces_keep_their_areas_and_normals_and_flat_ones_all_else() {
         assert!(error < 1e-5 * area, "{error} of {area}");
     }
 
-    let mut flat = splats(5000, self::surface(true));
+    let mut flat = splats(5000, self::surface(Closed::EVERYWHERE));
     flat.centers.iter_mut().for_each(|center| center.z = 0.0);
     let disc = |i: usize| crate::cloud::oblate_factor(Vec3::Z, 0.01 + 0.01 * noise(i, 0.4), f32::INFINITY);
     flat.shapes = Shapes::Each((0..5000).map(disc).collect());

@@ -40,7 +40,7 @@ pub struct Picked {
     pub depth: f64,
     /// The point there, in the world.
     pub position: DVec3,
-    /// How opaque all is that the ray meets, above 0 and at most 1.
+    /// How opaque all is that the ray meets, at least 1e-6 and at most 1.
     pub opacity: f64,
 }
 

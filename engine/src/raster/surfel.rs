@@ -82,6 +82,8 @@ pub(crate) struct Surfaces<'a> {
     pub(crate) octets: &'a [Octet],
     pub(crate) own_rects: &'a [[Rect; LANES]],
     pub(crate) clouds: &'a [CloudSurface],
+    /// Whether neighbours face the same way in all of the clouds that are surfaces.
+    pub(crate) all_have_sides: bool,
 }
 
 /// What the layers of a cloud's surfels ask for.
@@ -90,6 +92,8 @@ pub(crate) struct CloudSurface {
     /// In the world.
     pub(crate) depth_tolerance: f32,
     pub(crate) coverage_floor: f32,
+    /// Whether neighbours face the same way.
+    pub(crate) has_sides: bool,
 }
 
 impl CloudSurface {
@@ -100,7 +104,11 @@ impl CloudSurface {
             Kind::Surface(surface) => {
                 let scale = cloud.cloud_to_world().matrix3.determinant().abs().cbrt();
                 let depth_tolerance = surface.depth_tolerance * scale as f32;
-                Self { depth_tolerance, coverage_floor: surface.coverage_floor }
+                Self {
+                    depth_tolerance,
+                    coverage_floor: surface.coverage_floor,
+                    has_sides: surface.closed.has_sides(),
+                }
             }
             _ => Self::default(),
         }

@@ -23,8 +23,9 @@ pub(super) struct Sample<'a> {
     pub(super) color: DVec3,
     /// In camera space, of length 1; zero for none.
     pub(super) normal: DVec3,
-    /// Whether the ray meets its back.
+    /// Whether the ray meets its back, and whether that tells it from its neighbours.
     pub(super) back: bool,
+    pub(super) has_sides: bool,
     pub(super) material: &'a Material,
     pub(super) depth_tolerance: f64,
     pub(super) coverage_floor: f64,
@@ -73,7 +74,8 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
     samples.sort_by(|a, b| a.z.total_cmp(&b.z).then(a.id.cmp(&b.id)));
     let mut left = samples.to_vec();
     let mut nearest = f64::NEG_INFINITY;
-    let (mut bare, mut veiled) = (1.0, 0.0);
+    // Shares that fronts and backs cover and that both do, and what that lets through.
+    let (mut sides, mut covered_by_both, mut veiled) = ([0.0_f64; 2], 0.0, 0.0);
     (1..=MOST_LAYERS).map_while(move |number| {
         let first = *left.first()?;
         let end = first.z.max(first.plane_z) + first.thickness + first.depth_tolerance;
@@ -94,24 +96,28 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
             taken.iter().filter(|s| s.back == back).map(|s| s.coverage() * s.normal).sum()
         };
         let shows_back = covered_by(true) > covered_by(false);
-        // Coverage goes to the bare part of the pixel first; only what is too much for it lies behind what is
-        // covered. `bare` is the share without a layer, `veiled` what the rest lets through.
-        // A layer may be several sheets, one behind the other: as many as it covers the pixel times. But what a single one may cover too much by
+        let own = if first.has_sides { [covered_by(false), covered_by(true)] } else { [total, 0.0] };
+        let coverage = own[0].max(own[1]).min(1.0);
+        // A layer may be several sheets, one behind the other: as many as it covers its share of the pixel times. But what a single one may cover too much by
         // unevenness is none, and twice that is as much.
         let clear = |s: &Sample<'_>| (1.0 - s.opacity) * s.coverage();
         let even =
             taken.iter().map(|s| s.even * clear(s)).sum::<f64>() / taken.iter().map(clear).sum::<f64>();
         // Where all is opaque it is no number.
-        let more = total * even - 1.0;
+        let more = total / coverage * even - 1.0;
         let sheets = 1.0 + (2.0 * (more - (1.0 - even))).min(more).max(0.0);
         let opacity = 1.0 - (1.0 - covered / total).max(0.0).powf(sheets);
-        let coverage = total.min(1.0);
-        let [seen_before, bare_before] = [bare + veiled, bare];
-        bare = (bare_before - coverage).max(0.0);
-        let newly = bare_before - bare;
-        let again = if bare_before < 1.0 { (coverage - newly) / (1.0 - bare_before) } else { 0.0 };
+        // Fronts lie beside fronts, backs beside backs, as long as there is room; fronts and backs in the same place.
+        let covered_before = covered_by_both;
+        let seen_before = 1.0 - covered_before + veiled;
+        sides = [0, 1].map(|side| (sides[side] + own[side]).min(1.0));
+        let covered_now = both(sides).max(covered_before);
+        covered_by_both = covered_now;
+        let newly = covered_now - covered_before;
+        let again = if covered_before > 0.0 { (coverage - newly).max(0.0) / covered_before } else { 0.0 };
         veiled = veiled * (1.0 - opacity * again) + newly * (1.0 - opacity);
-        let alpha = if seen_before > 0.0 { 1.0 - (bare + veiled) / seen_before } else { 1.0 };
+        let seen = 1.0 - covered_now + veiled;
+        let alpha = if seen_before > 0.0 { 1.0 - seen / seen_before } else { 1.0 };
         Some(Layer {
             z: nearest,
             id: first.id,
@@ -121,4 +127,11 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
             material: first.material,
         })
     })
+}
+
+/// The share of a pixel that fronts and backs cover: that of the greater of both, in which the lesser lies unless it is little beside it, samples that are
+/// turned here and there.
+fn both(sides: [f64; 2]) -> f64 {
+    let [most, least] = [sides[0].max(sides[1]), sides[0].min(sides[1])];
+    if most > 0.0 { (most + least * (1.0 - least / most).powi(8)).min(1.0) } else { 0.0 }
 }

@@ -1,11 +1,12 @@
 //! What lies in the middle of all that is seen along a ray.
 
-use super::integral::{Fragment, NormalDistribution, OPAQUE, REACH};
+use super::integral::{Fragment, NormalDistribution, REACH};
 use super::layers::{Layer, layers, segments};
 use super::splats::{Kernel, Setup, Splat};
 use super::trace::Whole;
 use super::view::Ray;
 use crate::camera::Camera;
+use crate::frame::LEAST_VISIBLE;
 use crate::scene::{RenderSettings, Scene};
 use glam::DVec2;
 
@@ -130,5 +131,5 @@ fn met(kernel: &Kernel, ray: &Ray) -> Option<Met> {
 
 /// The transmittance at which half of what is seen is in front, where anything is seen.
 fn half_seen(behind: f64) -> Option<f64> {
-    (behind < 1.0 - OPAQUE).then_some((1.0 + behind) / 2.0)
+    (behind <= 1.0 - f64::from(LEAST_VISIBLE)).then_some((1.0 + behind) / 2.0)
 }

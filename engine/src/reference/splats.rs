@@ -281,6 +281,7 @@ impl<'a> Setup<'a> {
                     color,
                     normal: own,
                     back: false,
+                    has_sides: surface.closed.has_sides(),
                     material: &splats.material,
                     depth_tolerance: f64::from(surface.depth_tolerance) * placed.volume_scale.cbrt(),
                     coverage_floor: filtered(self.attenuation(&gaussian, &columns)),

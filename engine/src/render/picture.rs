@@ -10,7 +10,7 @@ use crate::layers::LayerBuilder;
 use crate::pass::Pass;
 use crate::raster::{KernelLens, Surfaces, SurfelLens, reach_to_cuts};
 use crate::resolve::Resolver;
-use crate::scene::Baseline;
+use crate::scene::{Baseline, Scene};
 use crate::tile::Tile;
 use std::mem::take;
 use std::sync::Mutex;
@@ -113,6 +113,11 @@ impl Renderer {
         if self.visible.surfaces.is_empty() { &[] } else { self.drawn.surfaces.lists.tile(index) }
     }
 
+    fn all_have_sides(&self, scene: &Scene) -> bool {
+        let clouds = scene.clouds.iter().zip(&self.cloud_surfaces);
+        clouds.filter(|(cloud, _)| cloud.is_surface()).all(|(_, surface)| surface.has_sides)
+    }
+
     fn tile_drawer<'a>(&'a self, shared: Shared<'a>) -> TileDrawer<'a> {
         let Shared { view, closing, observer } = shared;
         let (camera, settings) = (view.camera, view.settings);
@@ -124,7 +129,12 @@ impl Renderer {
         let Records { octets, own_rects, .. } = surfaces;
         TileDrawer {
             layers: LayerBuilder {
-                surfaces: Surfaces { octets, own_rects, clouds: &self.cloud_surfaces },
+                surfaces: Surfaces {
+                    octets,
+                    own_rects,
+                    clouds: &self.cloud_surfaces,
+                    all_have_sides: self.all_have_sides(view.scene),
+                },
                 lens: SurfelLens::new(&lens, near, settings.outline as f32),
                 least_transmittance,
             },

@@ -62,6 +62,8 @@ struct SpecifiedCut {
 /// A surface splat at one pixel.
 #[derive(Clone, Copy)]
 struct Sample {
+    is_back: bool,
+    has_sides: bool,
     z: f64,
     nearest: f64,
     farthest: f64,
@@ -95,6 +97,12 @@ struct Specification<'a> {
 
 fn taken(records: &Records) -> Vec<usize> {
     records.runs.iter().flat_map(|run| run.start..run.start + run.len).collect()
+}
+
+/// The share of a pixel that fronts and backs cover: the lesser lies in the greater, but for what is little beside it.
+fn both(sides: [f64; 2]) -> f64 {
+    let [most, least] = [sides[0].max(sides[1]), sides[0].min(sides[1])];
+    if most > 0.0 { (most + least * (1.0 - least / most).powi(8)).min(1.0) } else { 0.0 }
 }
 
 impl<'a> Specification<'a> {
@@ -187,7 +195,10 @@ impl<'a> Specification<'a> {
             let surface = self.clouds[record.tag.cloud as usize];
             let (tolerance, floor) = (f64::from(surface.depth_tolerance), f64::from(surface.coverage_floor));
             let most_even = floor.max(0.96);
+            let shows_back = if is_perspective { facing * depth > 0.0 } else { facing > 0.0 };
             samples.push(Sample {
+                is_back: shows_back,
+                has_sides: surface.has_sides,
                 z,
                 nearest: z + offset.min(0.0) - 3.0 * sigma_z,
                 farthest: z + offset.max(0.0) + smallness * filter_sigma,
@@ -207,15 +218,18 @@ impl<'a> Specification<'a> {
     fn cuts(&self, pixel: [usize; 2]) -> Option<Vec<SpecifiedCut>> {
         let mut left = self.samples(pixel)?;
         let mut cuts: Vec<SpecifiedCut> = Vec::new();
-        let (mut bare, mut covered) = (1.0, 0.0);
-        while !left.is_empty() && cuts.len() < MOST_LAYERS && bare + covered > self.least_transmittance() {
+        // The shares that fronts and backs cover and that both do, and what that lets through.
+        let (mut sides, mut all, mut veiled) = ([0.0_f64; 2], 0.0, 0.0);
+        let mut seen = 1.0;
+        while !left.is_empty() && cuts.len() < MOST_LAYERS && seen > self.least_transmittance() {
             let last = cuts.len() + 1 == MOST_LAYERS;
             let first = left.iter().copied().reduce(|a, b| if b.z < a.z { b } else { a })?;
             let limit = first.farthest + first.tolerance;
             let is_close = |z: f64, to: f64| (z - to).abs() <= 4e-6 * z.abs();
             for other in left.iter().filter(|other| other.id != first.id) {
                 // Two that come first leave open which limit counts.
-                let two_first = is_close(other.z, first.z) && !is_close(other.farthest, first.farthest);
+                let is_alike = is_close(other.farthest, first.farthest) && other.has_sides == first.has_sides;
+                let two_first = is_close(other.z, first.z) && !is_alike;
                 if two_first || !last && is_close(other.nearest, limit) {
                     return None;
                 }
@@ -226,23 +240,28 @@ impl<'a> Specification<'a> {
             let total: f64 = taken.iter().map(|sample| sample.coverage).sum();
             let mean = |of: fn(&Sample) -> f64| taken.iter().map(|s| s.coverage * of(s)).sum::<f64>() / total;
             let clear = 1.0 - mean(|s| s.opacity).min(1.0);
-            // As many sheets as it covers the pixel times, but for what a single one may.
+            // As many sheets as it covers its share of the pixel times, but for what a single one may.
             let even = mean(|s| s.even * (1.0 - s.opacity)) / clear;
-            let more = even * total - 1.0;
+            let of_side = |is_back: bool| -> f64 {
+                taken.iter().filter(|s| s.is_back == is_back).map(|s| s.coverage).sum()
+            };
+            let own = if first.has_sides { [of_side(false), of_side(true)] } else { [total, 0.0] };
+            let coverage = own[0].max(own[1]).min(1.0);
+            let more = even * total / coverage - 1.0;
             let sheets = 1.0 + (2.0 * (more - (1.0 - even))).min(more).max(0.0);
             let opacity = 1.0 - clear.powf(sheets);
-            let before = bare + covered;
-            let coverage = total.min(1.0);
-            let beside = coverage.min(bare);
-            let again = if bare < 1.0 { (coverage - beside) / (1.0 - bare) } else { 0.0 };
-            covered = covered * (1.0 - opacity * again) + beside * (1.0 - opacity);
-            bare -= beside;
-            if ((bare + covered) / self.least_transmittance() - 1.0).abs() < 0.01 {
+            let (before, covered) = (seen, all);
+            sides = [0, 1].map(|side| (sides[side] + own[side]).min(1.0));
+            all = both(sides).max(covered);
+            let again = if covered > 0.0 { (coverage - (all - covered)).max(0.0) / covered } else { 0.0 };
+            veiled = veiled * (1.0 - opacity * again) + (all - covered) * (1.0 - opacity);
+            seen = 1.0 - all + veiled;
+            if (seen / self.least_transmittance() - 1.0).abs() < 0.01 {
                 return None;
             }
             let z = mean(|s| s.z).max(cuts.last().map_or(f64::NEG_INFINITY, |cut| cut.z));
             let color = DVec3::new(mean(|s| s.color.x), mean(|s| s.color.y), mean(|s| s.color.z));
-            let alpha = if before > 0.0 { 1.0 - (bare + covered) / before } else { 1.0 };
+            let alpha = if before > 0.0 { 1.0 - seen / before } else { 1.0 };
             cuts.push(SpecifiedCut { z, alpha, color, id: first.id });
         }
         Some(cuts)
@@ -421,6 +440,33 @@ fn pictures_are_what_is_specified() {
         ("thick fog in two forms", vec![fog(0.3)], wide, each_in_its_own),
         ("thick fog in two forms with two sheets", with(fog(0.3), &two()), wide, each_in_its_own),
     ]);
+    // Fronts and backs that end in the picture, in one layer and in two, whose sides are known or aren't.
+    let sided = |sheet: Cloud| {
+        let mut splats = sheet.splats();
+        if let Strength::Surface(surface) = &mut splats.strength {
+            surface.closed = Closed::Sided;
+        }
+        Cloud::new(splats).unwrap().transformed(sheet.cloud_to_world())
+    };
+    let back = |opacity: f32, shift: f64| sheet(opacity, 180.0, shift);
+    let small = Camera::orthographic(pose, 4.0, [45, 37]).unwrap();
+    for opacity in [1.0, 0.4] {
+        for shift in [0.01, 0.5] {
+            let sheets =
+                || [sheet(opacity, 0.0, 0.0), back(0.7 * opacity, shift), sheet(opacity, 20.0, 2.0 * shift)];
+            cases.extend([
+                ("a fold and a sheet", sheets().map(&sided).to_vec(), small, fine),
+                ("what may be a fold and a sheet", sheets().to_vec(), small, fine),
+                (
+                    "a front and what may be its back",
+                    [vec![sided(sheet(opacity, 0.0, 0.0))], vec![back(opacity, shift)]].concat(),
+                    small,
+                    usual,
+                ),
+                ("fog with a fold", with(fog(0.02), &sheets().map(&sided)), perspective, fine),
+            ]);
+        }
+    }
     for [cutoff, outline] in [[20.0, 6.0], [6.0, 20.0]] {
         let (fine, usual) =
             (RenderSettings { cutoff, outline, ..fine }, RenderSettings { cutoff, outline, ..usual });

@@ -178,7 +178,7 @@ mod tests {
         let file = File { path: PathBuf::from("a.glb"), bytes };
         let opened = crate::gltf::read(&file, &OpenOptions::default()).unwrap();
         assert_eq!(opened.notes, []);
-        let Content::Splats { splats, blend } = opened.content else { panic!("splats are expected") };
+        let Content::Splats { splats, blend, .. } = opened.content else { panic!("splats are expected") };
         (notes, splats, blend)
     }
 

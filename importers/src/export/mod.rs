@@ -144,8 +144,16 @@ pub fn save(
     match (content, target) {
         (Content::Volume(volume), Target::Nrrd) => nrrd::write(volume, Packing::Deflated, out),
         (Content::Volume(volume), Target::Vti) => vti::write(volume, Packing::Deflated, out),
-        (Content::Splats { splats, blend }, target) if !target.holds_volumes() => {
-            save_splats(splats, (*blend, up), target, out)
+        (Content::Splats { splats, blend, origin }, Target::SurfelPly) => {
+            surfel_ply::write(splats, (*blend, *origin), out)
+        }
+        (Content::Splats { splats, blend, origin }, target) if !target.holds_volumes() => {
+            let mut notes = save_splats(splats, (*blend, up), target, out)?;
+            if *origin != DVec3::ZERO {
+                let DVec3 { x, y, z } = origin;
+                notes.push(Note::LeftOut(format!("the place {x},{y},{z}, which centres are relative to")));
+            }
+            Ok(notes)
         }
         (Content::Irregular(_), target) if target.holds_volumes() => Err(ExportError::Unsuited(format!(
             "{} holds regular grids; the samples of this one lie elsewhere",
@@ -167,9 +175,6 @@ fn save_splats(
     target: Target,
     out: &mut dyn Write,
 ) -> Result<Vec<Note>, ExportError> {
-    if target == Target::SurfelPly {
-        return surfel_ply::write(splats, blend, out);
-    }
     let (gaussians, assumed) = match &splats.strength {
         Strength::Opacity { .. } => (Cow::Borrowed(splats), None),
         Strength::Surface(surface) => {

@@ -189,7 +189,7 @@ mod tests {
         let mut bytes = Vec::new();
         let notes = write(splats, Blend::Display, &mut bytes).unwrap();
         let opened = spz::read(&File { path: "a.spz".into(), bytes }, &OpenOptions::default()).unwrap();
-        let Opened { content: Content::Splats { splats, blend: Blend::Display }, .. } = opened else {
+        let Opened { content: Content::Splats { splats, blend: Blend::Display, .. }, .. } = opened else {
             panic!()
         };
         (splats, notes)

@@ -3,7 +3,7 @@
 use super::ExportError;
 use crate::Note;
 use crate::ply::surfels::{CENTER, COLOR, Description, FACTOR, Kernel, NORMAL, harmonic};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use oblate_engine::color::linear_to_srgb;
 use oblate_engine::{Blend, Closed, Shapes, Splats, Strength};
 use std::io::{Seek, SeekFrom, Write};
@@ -11,10 +11,14 @@ use std::io::{Seek, SeekFrom, Write};
 /// Splats that are made bytes of at a time.
 const ROWS: usize = 4096;
 
-/// Writes splats that are to be mixed in the space `blend`, binary and little-endian.
-pub(crate) fn write(splats: &Splats, blend: Blend, out: &mut dyn Write) -> Result<Vec<Note>, ExportError> {
+/// Writes splats that are to be mixed in the space `blend`, relative to an origin, binary and little-endian.
+pub(crate) fn write(
+    splats: &Splats,
+    (blend, origin): (Blend, DVec3),
+    out: &mut dyn Write,
+) -> Result<Vec<Note>, ExportError> {
     check(splats)?;
-    let layout = Layout::of(splats, blend);
+    let layout = Layout::of(splats, (blend, origin));
     layout.write_header(splats.centers.len(), [0; 2], out)?;
     write_rows(splats, out)?;
     Ok(Vec::new())
@@ -24,13 +28,15 @@ pub(crate) fn write(splats: &Splats, blend: Blend, out: &mut dyn Write) -> Resul
 pub struct SurfelWriter<'a, W: Write + Seek + ?Sized> {
     out: &'a mut W,
     blend: Blend,
+    origin: DVec3,
     written: Option<(Layout, usize)>,
 }
 
 impl<'a, W: Write + Seek + ?Sized> SurfelWriter<'a, W> {
-    /// What is written goes to `out`, from its beginning on; the colours of all parts are to be mixed in the space `blend`.
-    pub fn new(out: &'a mut W, blend: Blend) -> Self {
-        Self { out, blend, written: None }
+    /// What is written goes to `out`, from its beginning on; the colours of all parts are to be mixed in the space `blend`, and their centres are
+    /// relative to an origin in the world.
+    pub fn new(out: &'a mut W, blend: Blend, origin: DVec3) -> Self {
+        Self { out, blend, origin, written: None }
     }
 
     /// Appends splats. A surface of several parts is closed from where each of them is.
@@ -39,7 +45,7 @@ impl<'a, W: Write + Seek + ?Sized> SurfelWriter<'a, W> {
     /// When there are none or arrays differ in length, when they are of another kind than those before, or writing fails.
     pub fn write(&mut self, splats: &Splats) -> Result<(), ExportError> {
         check(splats)?;
-        let mut layout = Layout::of(splats, self.blend);
+        let mut layout = Layout::of(splats, (self.blend, self.origin));
         let count = match &self.written {
             None => {
                 layout.write_header(0, ROOM, self.out)?;
@@ -86,7 +92,7 @@ struct Layout {
 }
 
 impl Layout {
-    fn of(splats: &Splats, blend: Blend) -> Self {
+    fn of(splats: &Splats, (blend, origin): (Blend, DVec3)) -> Self {
         let strength = match &splats.strength {
             Strength::Surface(surface) => Kernel::Surface {
                 depth_tolerance: surface.depth_tolerance,
@@ -102,6 +108,7 @@ impl Layout {
             normals: splats.normals.is_some(),
             blend,
             material: splats.material,
+            origin,
         };
         let has_opacities =
             matches!(&splats.strength, Strength::Surface(surface) if surface.opacities.is_some());
@@ -243,9 +250,9 @@ mod tests {
     use proptest::collection::vec;
     use proptest::prelude::*;
 
-    fn there_and_back(splats: &Splats, blend: Blend) -> Opened {
+    fn there_and_back(splats: &Splats, (blend, origin): (Blend, DVec3)) -> Opened {
         let mut bytes = Vec::new();
-        assert_eq!(write(splats, blend, &mut bytes).unwrap(), []);
+        assert_eq!(write(splats, (blend, origin), &mut bytes).unwrap(), []);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.ply");
         std::fs::write(&path, bytes).unwrap();
@@ -269,7 +276,12 @@ mod tests {
         let plane = (prop::array::uniform3(number()), number())
             .prop_map(|(normal, offset)| HalfSpace { normal: DVec3::from_array(normal), offset })
             .prop_filter("a direction", |plane| plane.normal != DVec3::ZERO);
-        prop_oneof![Just(Closed::Nowhere), Just(Closed::OneSided), vec(plane, 0..=6).prop_map(Closed::Within)]
+        prop_oneof![
+            Just(Closed::Nowhere),
+            Just(Closed::Sided),
+            Just(Closed::OneSided),
+            vec(plane, 0..=6).prop_map(Closed::Within)
+        ]
     }
 
     fn strength(count: usize) -> BoxedStrategy<Strength> {
@@ -332,11 +344,16 @@ mod tests {
 
     proptest! {
         #[test]
-        fn splats_come_back_as_they_were(splats in splats(), display in any::<bool>()) {
+        fn splats_come_back_as_they_were(
+            splats in splats(),
+            display in any::<bool>(),
+            origin in prop::option::of(prop::array::uniform3(-1e9..1e9)),
+        ) {
             let blend = if display { Blend::Display } else { Blend::Linear };
-            let opened = there_and_back(&splats, blend);
+            let origin = origin.map_or(DVec3::ZERO, DVec3::from_array);
+            let opened = there_and_back(&splats, (blend, origin));
             // Debug text tells the two zeros apart, too.
-            prop_assert_eq!(format!("{:?}", opened.content), format!("{:?}", Content::Splats { splats, blend }));
+            prop_assert_eq!(format!("{:?}", opened.content), format!("{:?}", Content::Splats { splats, blend, origin }));
             prop_assert_eq!(opened.notes, []);
         }
     }
@@ -375,14 +392,14 @@ mod tests {
         for [middle, last, whole] in [
             [all.clone(), all.clone(), all.clone()],
             // A surface with one open part is open.
-            [Closed::Nowhere, all.clone(), Closed::Nowhere],
+            [Closed::Sided, all.clone(), Closed::Sided],
             [planes(2), planes(6), planes(6)],
-            [planes(6), Closed::Nowhere, Closed::Nowhere],
+            [planes(6), Closed::Sided, Closed::Sided],
         ] {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("a.ply");
             let mut file = std::fs::File::create(&path).unwrap();
-            let mut writer = SurfelWriter::new(&mut file, Blend::Linear);
+            let mut writer = SurfelWriter::new(&mut file, Blend::Linear, DVec3::ZERO);
             let end = ROWS + 20;
             for (part, closed) in [([0, 7], &all), ([7, 12], &middle), ([12, end], &last)] {
                 writer.write(&discs(part, closed)).unwrap();
@@ -391,7 +408,11 @@ mod tests {
             let opened = crate::open(&path, &OpenOptions::default()).unwrap();
             assert_eq!(
                 opened.content,
-                Content::Splats { splats: discs([0, end], &whole), blend: Blend::Linear }
+                Content::Splats {
+                    splats: discs([0, end], &whole),
+                    blend: Blend::Linear,
+                    origin: DVec3::ZERO
+                }
             );
         }
     }
@@ -399,7 +420,7 @@ mod tests {
     #[test]
     fn parts_that_do_not_fit_are_refused() {
         let mut bytes = std::io::Cursor::new(Vec::new());
-        let mut writer = SurfelWriter::new(&mut bytes, Blend::Linear);
+        let mut writer = SurfelWriter::new(&mut bytes, Blend::Linear, DVec3::ZERO);
         writer.write(&discs([0, 3], &Closed::EVERYWHERE)).unwrap();
         let unlit = Splats { material: Material::UNLIT, ..discs([3, 4], &Closed::EVERYWHERE) };
         for other in [unlit, Splats { normals: None, ..discs([3, 4], &Closed::EVERYWHERE) }] {
@@ -409,7 +430,7 @@ mod tests {
             writer.write(&discs([3, 3], &Closed::EVERYWHERE)).unwrap_err().to_string().contains("no splats")
         );
         assert_eq!(writer.finish().unwrap(), 3);
-        let empty = SurfelWriter::new(&mut bytes, Blend::Linear).finish();
+        let empty = SurfelWriter::new(&mut bytes, Blend::Linear, DVec3::ZERO).finish();
         assert!(empty.unwrap_err().to_string().contains("no splats"));
     }
 
@@ -425,7 +446,7 @@ mod tests {
             material: Material::default(),
         };
         let mut bytes = Vec::new();
-        write(&splats, Blend::Linear, &mut bytes).unwrap();
+        write(&splats, (Blend::Linear, DVec3::ZERO), &mut bytes).unwrap();
         let end = bytes.windows(11).position(|window| window == b"end_header\n").unwrap() + 11;
         let floats = |at: usize, count: usize| -> Vec<f32> {
             bytes[end + at..][..count * 4].as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
@@ -448,8 +469,9 @@ mod tests {
             normals: None,
             material: Material::default(),
         };
-        let message =
-            |splats: &Splats| write(splats, Blend::Linear, &mut Vec::new()).unwrap_err().to_string();
+        let message = |splats: &Splats| {
+            write(splats, (Blend::Linear, DVec3::ZERO), &mut Vec::new()).unwrap_err().to_string()
+        };
         assert!(message(&none).contains("no splats"));
         assert!(message(&Splats { centers: vec![Vec3::ZERO], ..none }).contains("differ in length"));
     }

@@ -12,7 +12,7 @@ fn read(name: &str, bytes: &[u8]) -> (Splats, Vec<Note>) {
     let path = folder.path().join(name);
     std::fs::write(&path, bytes).unwrap();
     let opened = open(path, &OpenOptions::default()).unwrap_or_else(|error| panic!("{error}"));
-    let Content::Splats { splats, blend: Blend::Display } = opened.content else {
+    let Content::Splats { splats, blend: Blend::Display, .. } = opened.content else {
         panic!("splats are expected")
     };
     (splats, opened.notes)

@@ -50,13 +50,16 @@ pub(crate) struct Description {
     pub(crate) blend: Blend,
     /// `emission`, `ambient`, `diffuse`, `specular`, `exponent`.
     pub(crate) material: Material,
+    /// `origin`: what centres are relative to, three numbers; not there where that is nothing.
+    pub(crate) origin: DVec3,
 }
 
 /// `strength`, with what belongs to it.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Kernel {
     /// `surface`, with `depth_tolerance`, `coverage_floor`, `closed` (0 or 1), and where it is closed within half-spaces alone, `within`:
-    /// four numbers each, the normal's and the offset; or `sides 1`, where its backs are not shown to anybody.
+    /// four numbers each, the normal's and the offset; or `sides`: 1 where its backs are not shown to anybody, 2 where it isn't closed but neighbours
+    /// face the same way.
     Surface { depth_tolerance: f32, coverage_floor: f32, closed: Closed },
     /// `extinction`.
     Extinction,
@@ -96,13 +99,19 @@ impl fmt::Display for Description {
             if self.shared { "shared" } else { "each" },
             if self.normals { "own" } else { "shape" },
             if self.blend == Blend::Linear { "linear" } else { "display" },
-        )
+        )?;
+        if self.origin != DVec3::ZERO {
+            let DVec3 { x, y, z } = self.origin;
+            write!(f, " origin {x:?},{y:?},{z:?}")?;
+        }
+        Ok(())
     }
 }
 
 fn write_closed(f: &mut fmt::Formatter<'_>, closed: &Closed) -> fmt::Result {
     let planes = match closed {
         Closed::Nowhere => return write!(f, " closed 0"),
+        Closed::Sided => return write!(f, " closed 0 sides 2"),
         Closed::OneSided => return write!(f, " closed 1 sides 1"),
         Closed::Within(planes) => planes,
     };
@@ -118,10 +127,10 @@ fn write_closed(f: &mut fmt::Formatter<'_>, closed: &Closed) -> fmt::Result {
 struct Words<'a>(HashMap<&'a str, &'a str>);
 
 impl Words<'_> {
-    fn one_of<T: Copy>(&mut self, key: &str, values: &[(&str, T)]) -> Result<T, String> {
+    fn one_of<T: Clone>(&mut self, key: &str, values: &[(&str, T)]) -> Result<T, String> {
         let found = self.0.remove(key).ok_or_else(|| format!("{key:?} is missing"))?;
         let value = values.iter().find(|(name, _)| *name == found);
-        value.map(|(_, value)| *value).ok_or_else(|| {
+        value.map(|(_, value)| value.clone()).ok_or_else(|| {
             let names: Vec<&str> = values.iter().map(|(name, _)| *name).collect();
             format!("{key} is {found:?}; it is {}", names.join(" or "))
         })
@@ -136,10 +145,18 @@ impl Words<'_> {
     fn closed(&mut self) -> Result<Closed, String> {
         let is_closed = self.one_of("closed", &[("0", false), ("1", true)])?;
         if self.0.contains_key("sides") {
-            self.one_of("sides", &[("1", ())])?;
-            return if is_closed { Ok(Closed::OneSided) } else { Err("sides 1 is for closed 1".into()) };
+            let (own, closed) =
+                self.one_of("sides", &[("1", (true, Closed::OneSided)), ("2", (false, Closed::Sided))])?;
+            return if own == is_closed {
+                Ok(closed)
+            } else {
+                Err("sides 1 is for closed 1, 2 for closed 0".into())
+            };
         }
-        let Some(list) = self.0.remove("within").filter(|_| is_closed) else { return Ok(is_closed.into()) };
+        if !is_closed {
+            return Ok(Closed::Nowhere);
+        }
+        let Some(list) = self.0.remove("within") else { return Ok(Closed::EVERYWHERE) };
         let wrong = || {
             format!("within is {list:?}; it is four numbers for each half-space, the first three not all 0")
         };
@@ -153,6 +170,17 @@ impl Words<'_> {
             return Err(wrong());
         }
         Ok(Closed::Within(planes))
+    }
+}
+
+impl Words<'_> {
+    fn origin(&mut self) -> Result<DVec3, String> {
+        let Some(list) = self.0.remove("origin") else { return Ok(DVec3::ZERO) };
+        let numbers: Option<Vec<f64>> = list.split(',').map(|number| number.parse().ok()).collect();
+        match numbers.as_deref() {
+            Some(&[x, y, z]) if x.is_finite() && y.is_finite() && z.is_finite() => Ok(DVec3::new(x, y, z)),
+            _ => Err(format!("origin is {list:?}; it is three finite numbers")),
+        }
     }
 }
 
@@ -195,6 +223,7 @@ impl Description {
                 specular: words.number("specular", not_negative, NOT_NEGATIVE)?,
                 exponent: words.number("exponent", not_negative, NOT_NEGATIVE)?,
             },
+            origin: words.origin()?,
         };
         match words.0.keys().min() {
             None => Ok(description),
@@ -339,7 +368,7 @@ impl<'a> Columns<'a> {
             normals,
             material: description.material,
         };
-        Ok(Content::Splats { splats, blend: description.blend }.into())
+        Ok(Content::Splats { splats, blend: description.blend, origin: description.origin }.into())
     }
 
     fn harmonics(&mut self, element: &Element) -> Result<Option<Harmonics>, ImportError> {

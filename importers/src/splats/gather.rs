@@ -3,7 +3,7 @@
 use super::trained::{Reject, Trained};
 use crate::file::File;
 use crate::{Content, ImportError, Note, Opened, Place};
-use glam::{Mat3, Vec3};
+use glam::{DVec3, Mat3, Vec3};
 use oblate_engine::{Blend, Harmonics, Material, OpacityFilter, Shapes, Splats, Strength};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -130,7 +130,8 @@ pub(crate) fn gather(
         normals: None,
         material: Material::UNLIT,
     };
-    let content = Content::Splats { splats: splats.in_morton_order(), blend: training.blend };
+    let content =
+        Content::Splats { splats: splats.in_morton_order(), blend: training.blend, origin: DVec3::ZERO };
     Ok(Opened::noting(content, note.map(Note::LeftOut).into_iter().collect()))
 }
 

@@ -202,7 +202,7 @@ fn nodes_and_degrees_come_together() {
 #[test]
 fn linear_colours() {
     let linear = opened(&[(SRGB, "lin_rec709_display"), (DEGREE_1, "")]);
-    let Content::Splats { splats, blend } = linear.content else { panic!("splats are expected") };
+    let Content::Splats { splats, blend, .. } = linear.content else { panic!("splats are expected") };
     assert_eq!(blend, Blend::Linear);
     let bright = splats.colors.iter().find(|color| color[0] > 0.7).unwrap();
     for (found, wanted) in bright.iter().zip([0.782_094_8, 0.217_905_2, 0.5]) {

@@ -325,7 +325,7 @@ fn packed_splats() {
     let Some(path) = data("splats/biker.compressed.ply") else { return };
     let opened = open(path, &OpenOptions::default()).unwrap();
     assert_eq!(opened.notes, []);
-    let Content::Splats { splats, blend: Blend::Display } = opened.content else {
+    let Content::Splats { splats, blend: Blend::Display, .. } = opened.content else {
         panic!("splats are expected")
     };
     let count = 152_746;

@@ -44,7 +44,7 @@ impl Ends {
     /// From where no backs are seen, relative to the grid's sample (0, 0, 0): from this side of the faces that the body reaches.
     pub(super) fn closed(self, frame: GridFrame, dims: [usize; 3]) -> Closed {
         if self.has_gaps {
-            return Closed::Nowhere;
+            return Closed::Sided;
         }
         let to_samples = (frame.direction * DMat3::from_diagonal(frame.spacing)).inverse();
         let half_space = |face: usize| {

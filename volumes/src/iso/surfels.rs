@@ -70,7 +70,8 @@ impl IsoSurfels {
             let areas = block.chunks().iter().flat_map(Chunk::areas);
             areas.map(|area| f64::from(*area)).sum::<f64>()
         };
-        self.blocks.par_iter().map(of_block).collect::<Vec<_>>().into_iter().sum()
+        // A sum of none is −0.
+        self.blocks.par_iter().map(of_block).collect::<Vec<_>>().into_iter().sum::<f64>() + 0.0
     }
 
     /// Where the grid lies; surfels are relative to its sample (0, 0, 0).
@@ -82,7 +83,7 @@ impl IsoSurfels {
     /// frame's spacing becomes that of surfels as long as these are, on average by area.
     pub(crate) fn mapped(self, frame: GridFrame, to: impl Fn(IsoSurfel) -> Option<IsoSurfel> + Sync) -> Self {
         // Faces of the grid may be bent.
-        let closed = self.is_closed().into();
+        let closed = if self.is_closed() { Closed::EVERYWHERE } else { Closed::Sided };
         let blocks: Vec<Block> =
             self.blocks.into_par_iter().map(|block| block.iter().filter_map(&to).collect()).collect();
         let of_block = |[areas, lengths]: [f64; 2], surfel: IsoSurfel| {
@@ -96,7 +97,7 @@ impl IsoSurfels {
 
     /// Backs are seen through what is translucent.
     fn closed_if(&self, settings: &IsoSettings) -> Closed {
-        if settings.opacity < 1.0 { Closed::Nowhere } else { self.closed.clone() }
+        if settings.opacity < 1.0 { Closed::Sided } else { self.closed.clone() }
     }
 
     fn coverage_floor(&self) -> f32 {

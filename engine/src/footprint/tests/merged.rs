@@ -2,15 +2,19 @@
 
 use super::*;
 use crate::camera::{Camera, Pose};
+use crate::closed::Closed;
 use crate::cloud::{Cloud, Shapes, Splats, Strength, Surface, oblate_factor};
 use glam::DVec3;
 use setups::transform;
 use std::sync::LazyLock;
 
-/// A ball of radius 1 with bumps, closed and open, with levels.
-static BODIES: LazyLock<[Cloud; 2]> = LazyLock::new(|| [true, false].map(body));
+/// What a body may be: closed, of which no backs are seen; open, with sides; of which nothing is known.
+const KINDS: [Closed; 3] = [Closed::EVERYWHERE, Closed::Sided, Closed::Nowhere];
 
-fn body(closed: bool) -> Cloud {
+/// A ball of radius 1 with bumps of each kind, with levels.
+static BODIES: LazyLock<[Cloud; 3]> = LazyLock::new(|| KINDS.map(body));
+
+fn body(closed: Closed) -> Cloud {
     let count = 20_000_i16;
     let point = |i: i16| {
         let z = 1.0 - (2.0 * f32::from(i) + 1.0) / f32::from(count);
@@ -27,7 +31,7 @@ fn body(closed: bool) -> Cloud {
             opacities: None,
             depth_tolerance: 0.02,
             coverage_floor: 0.9,
-            closed: closed.into(),
+            closed,
         }),
         colors: vec![[0.5; 3]; count as usize],
         harmonics: None,
@@ -53,7 +57,8 @@ fn whole(projector: &Projector, index: usize) -> f64 {
 /// Where a viewer is, and which block of which level is seen.
 #[derive(Debug)]
 struct Case {
-    closed: bool,
+    /// Of [`KINDS`].
+    kind: usize,
     place: usize,
     is_parallel: bool,
     above: usize,
@@ -63,8 +68,8 @@ struct Case {
 }
 
 fn is_projected_as_one_is(case: &Case) -> Result<(), TestCaseError> {
-    let &Case { closed, place, is_parallel, above, block, direction } = case;
-    let cloud = BODIES[usize::from(!closed)].clone().transformed(transform(place));
+    let &Case { kind, place, is_parallel, above, block, direction } = case;
+    let cloud = BODIES[kind].clone().transformed(transform(place));
     let target = cloud.cloud_to_world().translation;
     let eye = target + 12.0 * DVec3::from(direction).try_normalize().unwrap_or(DVec3::X);
     let pose = Pose::look_at(eye, target, DVec3::new(0.3, 0.2, 0.9)).unwrap();
@@ -88,7 +93,7 @@ fn is_projected_as_one_is(case: &Case) -> Result<(), TestCaseError> {
     let columns = &scene.clouds[0].levels()[above].columns;
     let first = LANES * (block * (columns.len / LANES) as f64) as usize;
     let mut range = VisibleRange::whole(first..first + LANES, columns.center(first), true);
-    (range.level, range.hides_backs) = (above, closed);
+    (range.level, range.hides_backs) = (above, kind == 0);
     let projector = projectors.of(&range);
     // Places in the body, at most 2.5 times as large, are rounded, and so are directions from the eye, which is not nearer than it is wide.
     const ROUNDING: f64 = 200.0 * f32::EPSILON as f64;
@@ -140,7 +145,7 @@ fn is_projected_as_one_is(case: &Case) -> Result<(), TestCaseError> {
 #[test]
 fn merged_surfels_seen_edge_on_are_projected_as_one_is() {
     is_projected_as_one_is(&Case {
-        closed: false,
+        kind: 2,
         place: 0,
         is_parallel: false,
         above: 1,
@@ -155,10 +160,10 @@ proptest! {
 
     #[test]
     fn eight_merged_surfels_are_projected_as_one_is(
-        (closed, place, is_parallel) in (any::<bool>(), 0..4_usize, any::<bool>()),
+        (kind, place, is_parallel) in (0..KINDS.len(), 0..4_usize, any::<bool>()),
         (above, block) in (1..3_usize, 0.0..1.0_f64),
         direction in prop::array::uniform3(-1.0..1.0_f64),
     ) {
-        is_projected_as_one_is(&Case { closed, place, is_parallel, above, block, direction })?;
+        is_projected_as_one_is(&Case { kind, place, is_parallel, above, block, direction })?;
     }
 }

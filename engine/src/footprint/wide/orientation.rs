@@ -5,7 +5,7 @@
 use super::WideProjector;
 use super::geometry::lanes;
 use crate::columns::Lanes;
-use crate::levels::LEAST_WIDTH;
+use crate::levels::{LEAST_WIDTH, Shown};
 use crate::simd::*;
 
 /// As [`crate::levels::Orientation::side`], in cloud space.
@@ -57,13 +57,14 @@ impl WideProjector<'_> {
             #[inline(always)]
             |s| s * (inverse_w * 3.0),
         );
-        let q = (c * inverse_w).max(-one);
+        let sign = if self.scalar.shown == Shown::OneSide { c.simd_lt(zero).select(-one, one) } else { one };
+        let q = (c * sign * inverse_w).max(-one);
         let h = ((q + 1.0) * 0.5).min(one);
         let between = h * (one - h);
-        let [of_mean, of_gradient, kept, moved] = if self.scalar.hides_backs {
+        let [of_mean, of_gradient, kept, moved] = if self.scalar.shown != Shown::Both {
             let within = (splat(simd, 2.0) - q) * (1.0 / 3.0);
             let moved = q.simd_lt(one).select(within, one / (q * 3.0));
-            [h, between, one, moved]
+            [h, between * sign, sign, moved]
         } else {
             let q = c * inverse_w;
             let within = w * 0.5 * q.mul_add(q, one);

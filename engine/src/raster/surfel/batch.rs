@@ -366,7 +366,7 @@ mod tests {
             let tile = Tile::new([0, 0], 8, [8, 8]);
             let own_rects = [[Rect { min: [0; 2], max: [8; 2] }; LANES]];
             let octets = [Octet::of_one(record, SurfaceSample::default())];
-            let surfaces = Surfaces { octets: &octets, own_rects: &own_rects, clouds: &[CloudSurface::default()] };
+            let surfaces = Surfaces { octets: &octets, own_rects: &own_rects, clouds: &[CloudSurface::default()], all_have_sides: true };
             let mut least_reach = 0.0;
             for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
                 let (is_met, sides, [begin, end]): (bool, [[f32; 16]; 2], [f32; 2]) = dispatch!(level, simd => {
