@@ -36,7 +36,7 @@ pub enum Content {
         splats: Splats,
         /// The space in which their colours are meant to mix.
         blend: Blend,
-        /// Where in the world the origin of their space lies: centres in single precision have no room for places on a map.
+        /// Where in the world the origin of their space lies, in world units: centres in single precision have no room for places on a map.
         origin: DVec3,
     },
 }

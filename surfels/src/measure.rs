@@ -128,6 +128,9 @@ impl Mesh {
             };
             triangles.par_extend(primitive.triangles.par_iter().filter_map(of_triangle));
         }
+        if triangles.is_empty() {
+            return Closed::Nowhere;
+        }
         let mut edges: Vec<(u32, u32)> =
             triangles.par_iter().flat_map_iter(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
         edges.par_sort_unstable();
@@ -135,13 +138,13 @@ impl Mesh {
         let alone = edges.par_iter().filter(|edge| !is_paired(edge)).count();
         let repeated: Vec<(u32, u32)> =
             edges.par_windows(2).filter(|pair| pair[0] == pair[1]).map(|pair| pair[0]).collect();
-        let known: Vec<DVec3> = known.par_iter().map(|place| place.map(f64::from_bits).into()).collect();
-        let is_even = alone == 0 && repeated.is_empty() && !triangles.is_empty();
-        if is_even && enclose(&known, &triangles) {
-            return Closed::EVERYWHERE;
+        if alone == 0 && repeated.is_empty() {
+            let known: Vec<DVec3> = known.par_iter().map(|place| place.map(f64::from_bits).into()).collect();
+            if enclose(&known, &triangles) {
+                return Closed::EVERYWHERE;
+            }
         }
-        let is_known =
-            10 * alone <= edges.len() && 1000 * repeated.len() <= edges.len() && !triangles.is_empty();
+        let is_known = 10 * alone <= edges.len() && 1000 * repeated.len() <= edges.len();
         if is_known && repeated.iter().all(is_paired) { Closed::Sided } else { Closed::Nowhere }
     }
 

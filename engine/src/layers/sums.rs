@@ -72,14 +72,15 @@ impl<S: Simd> Side<S> {
 
 /// How far one sees into a pixel past its layers so far.
 ///
-/// Coverage is a share of the pixel's area. A front covers first what fronts have left bare, and only then what they
-/// cover already: the parts of one surface that fall into two layers, at a crease or along a silhouette, lie
-/// beside each other. Were they independent, every such pixel would let the background through. So do backs. But a front and a back meet only
-/// where a sheet folds, and there both end at one line: what either covers, the other covers, too.
+/// Coverage is a share of the pixel's area. Fronts cover first what fronts have left bare, and only then what these
+/// cover already, and so do backs: the parts of one surface that fall into two layers, at a crease or along a silhouette, lie
+/// beside each other. Were they independent, every such pixel would let the background through. But a front and a back meet only
+/// where a sheet folds, and there both end at one line: what one covers, the other covers, too.
 #[derive(Clone, Copy)]
 pub(super) struct SeenThrough<S: Simd> {
-    /// Shares of the pixel that fronts cover, and backs; and that both do.
+    /// Shares of the pixel that fronts cover, and that backs do.
     sides: [W<S>; 2],
+    /// What they cover together.
     covered: W<S>,
     /// What the covered share lets through, as a share of the pixel.
     veiled: W<S>,
@@ -99,7 +100,7 @@ impl<S: Simd> SeenThrough<S> {
         let covered = self.covered;
         let before = one - covered + self.veiled;
         self.sides = [(self.sides[0] + front).min(one), (self.sides[1] + back).min(one)];
-        let all = self.both(simd).max(covered);
+        let all = self.together(simd).max(covered);
         self.covered = all;
         let beside = all - covered;
         let again = (front.max(back).min(one) - beside).max(zero);
@@ -110,10 +111,10 @@ impl<S: Simd> SeenThrough<S> {
         [alpha, after]
     }
 
-    /// The share of the pixel that both sides cover: the greater one, within which the lesser lies unless it is so little that it is a sample here and there
-    /// that is turned.
+    /// The share of the pixel that both sides cover together: the greater one, within which the lesser lies unless it is so little beside it that it is
+    /// samples turned here and there.
     #[inline(always)]
-    fn both(&self, simd: S) -> W<S> {
+    fn together(&self, simd: S) -> W<S> {
         let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
         let [front, back] = self.sides;
         let (most, least) = (front.max(back), front.min(back));

@@ -74,8 +74,8 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
     samples.sort_by(|a, b| a.z.total_cmp(&b.z).then(a.id.cmp(&b.id)));
     let mut left = samples.to_vec();
     let mut nearest = f64::NEG_INFINITY;
-    // Shares that fronts and backs cover and that both do, and what that lets through.
-    let (mut sides, mut covered_by_both, mut veiled) = ([0.0_f64; 2], 0.0, 0.0);
+    // Shares that fronts and backs cover, what they cover together, and what that lets through.
+    let (mut sides, mut covered_together, mut veiled) = ([0.0_f64; 2], 0.0, 0.0);
     (1..=MOST_LAYERS).map_while(move |number| {
         let first = *left.first()?;
         let end = first.z.max(first.plane_z) + first.thickness + first.depth_tolerance;
@@ -108,11 +108,11 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
         let sheets = 1.0 + (2.0 * (more - (1.0 - even))).min(more).max(0.0);
         let opacity = 1.0 - (1.0 - covered / total).max(0.0).powf(sheets);
         // Fronts lie beside fronts, backs beside backs, as long as there is room; fronts and backs in the same place.
-        let covered_before = covered_by_both;
+        let covered_before = covered_together;
         let seen_before = 1.0 - covered_before + veiled;
         sides = [0, 1].map(|side| (sides[side] + own[side]).min(1.0));
-        let covered_now = both(sides).max(covered_before);
-        covered_by_both = covered_now;
+        let covered_now = together(sides).max(covered_before);
+        covered_together = covered_now;
         let newly = covered_now - covered_before;
         let again = if covered_before > 0.0 { (coverage - newly).max(0.0) / covered_before } else { 0.0 };
         veiled = veiled * (1.0 - opacity * again) + newly * (1.0 - opacity);
@@ -129,9 +129,9 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
     })
 }
 
-/// The share of a pixel that fronts and backs cover: that of the greater of both, in which the lesser lies unless it is little beside it, samples that are
-/// turned here and there.
-fn both(sides: [f64; 2]) -> f64 {
+/// The share of a pixel that fronts and backs cover together: the greater one, within which the lesser lies unless it is so little beside it that it is
+/// samples turned here and there.
+fn together(sides: [f64; 2]) -> f64 {
     let [most, least] = [sides[0].max(sides[1]), sides[0].min(sides[1])];
     if most > 0.0 { (most + least * (1.0 - least / most).powi(8)).min(1.0) } else { 0.0 }
 }

@@ -2,16 +2,19 @@
 //! rule, shares between cuts by Φ, and compositing from near to far. Tiles, blocks, polynomials and early
 //! ends are the drawer's own affair and must not show.
 
+mod scenes;
+
 use super::*;
 use crate::camera::{Pose, Projection};
 use crate::closed::Closed;
-use crate::cloud::{Cloud, Material, OpacityFilter, Shapes, Splats, Strength, Surface, oblate_factor};
+use crate::cloud::{Cloud, Strength};
 use crate::columns::LANES;
 use crate::footprint::{Form, Kind, Lens, Record, Records, Rect};
 use crate::frame::LEAST_VISIBLE;
 use crate::order::Keys;
 use crate::scene::{FootprintForm, Order};
-use glam::{DAffine3, DMat3, DVec2, DVec3, Mat3, Vec3};
+use glam::{DVec2, DVec3};
+use scenes::{fog, sheet, trained};
 
 /// Layers that a pixel may have.
 const MOST_LAYERS: usize = 64;
@@ -99,8 +102,8 @@ fn taken(records: &Records) -> Vec<usize> {
     records.runs.iter().flat_map(|run| run.start..run.start + run.len).collect()
 }
 
-/// The share of a pixel that fronts and backs cover: the lesser lies in the greater, but for what is little beside it.
-fn both(sides: [f64; 2]) -> f64 {
+/// The share of a pixel that fronts and backs cover together: the lesser lies in the greater, but for what is little beside it.
+fn together(sides: [f64; 2]) -> f64 {
     let [most, least] = [sides[0].max(sides[1]), sides[0].min(sides[1])];
     if most > 0.0 { (most + least * (1.0 - least / most).powi(8)).min(1.0) } else { 0.0 }
 }
@@ -218,7 +221,7 @@ impl<'a> Specification<'a> {
     fn cuts(&self, pixel: [usize; 2]) -> Option<Vec<SpecifiedCut>> {
         let mut left = self.samples(pixel)?;
         let mut cuts: Vec<SpecifiedCut> = Vec::new();
-        // The shares that fronts and backs cover and that both do, and what that lets through.
+        // The shares that fronts and backs cover, what they cover together, and what that lets through.
         let (mut sides, mut all, mut veiled) = ([0.0_f64; 2], 0.0, 0.0);
         let mut seen = 1.0;
         while !left.is_empty() && cuts.len() < MOST_LAYERS && seen > self.least_transmittance() {
@@ -252,7 +255,7 @@ impl<'a> Specification<'a> {
             let opacity = 1.0 - clear.powf(sheets);
             let (before, covered) = (seen, all);
             sides = [0, 1].map(|side| (sides[side] + own[side]).min(1.0));
-            all = both(sides).max(covered);
+            all = together(sides).max(covered);
             let again = if covered > 0.0 { (coverage - (all - covered)).max(0.0) / covered } else { 0.0 };
             veiled = veiled * (1.0 - opacity * again) + (all - covered) * (1.0 - opacity);
             seen = 1.0 - all + veiled;
@@ -333,59 +336,6 @@ impl<'a> Specification<'a> {
         }
         (runs, bound)
     }
-}
-
-fn number(i: usize, k: f64) -> f32 {
-    let x = (i as f64 + 0.37) * k;
-    ((x - x.floor()) * 2.0 - 1.0) as f32
-}
-
-fn spot(i: usize) -> Vec3 {
-    Vec3::new(number(i, 0.754_877_67), number(i, 0.569_840_29), number(i, 0.437_016_02))
-}
-
-fn color(i: usize) -> [f32; 3] {
-    [0.127, 0.311, 0.233].map(|k| number(i, k) * 0.5 + 0.5)
-}
-
-fn cloud(centers: Vec<Vec3>, shapes: Shapes, strength: Strength) -> Cloud {
-    let colors = (0..centers.len()).map(color).collect();
-    let (harmonics, normals, material) = (None, None, Material::UNLIT);
-    Cloud::new(Splats { centers, shapes, strength, colors, harmonics, normals, material }).unwrap()
-}
-
-fn fog(mass: f32) -> Cloud {
-    let count = 400;
-    let strength = Strength::Extinction { masses: vec![mass; count] };
-    let factor = Mat3::from_diagonal(Vec3::new(0.12, 0.1, 0.14));
-    cloud((0..count).map(spot).collect(), Shapes::Shared(factor), strength)
-}
-
-fn trained() -> Cloud {
-    let count = 200;
-    let shape = |i| oblate_factor(spot(i + 3), 0.16 + 0.1 * number(i, 0.71), 1.0 + (i % 5) as f32);
-    let peaks = (0..count).map(|i| 0.5 + 0.49 * number(i, 0.618)).collect();
-    cloud(
-        (0..count).map(spot).collect(),
-        Shapes::Each((0..count).map(shape).collect()),
-        Strength::Opacity { peaks, filter: OpacityFilter::Compensated },
-    )
-}
-
-fn sheet(opacity: f32, degrees: f64, shift: f64) -> Cloud {
-    let (side, spacing) = (40, 0.06_f32);
-    let place = |i: usize| Vec3::new((i % side) as f32 - 19.5, (i / side) as f32 - 19.5, 0.0) * spacing;
-    let strength = Strength::Surface(Surface {
-        areas: vec![spacing * spacing; side * side],
-        opacities: Some(vec![opacity; side * side]),
-        depth_tolerance: 0.8 * spacing,
-        coverage_floor: 0.98,
-        closed: Closed::Nowhere,
-    });
-    let shape = Shapes::Shared(oblate_factor(Vec3::NEG_Z, 0.8 * spacing, f32::INFINITY));
-    let turned = DMat3::from_rotation_x(f64::to_radians(degrees));
-    cloud((0..side * side).map(place).collect(), shape, strength)
-        .transformed(DAffine3::from_mat3_translation(turned, DVec3::Z * shift))
 }
 
 #[test]
