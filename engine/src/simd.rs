@@ -179,7 +179,7 @@ pub(crate) fn rows<S: Simd>(_: S, columns: [V<S>; 4]) -> [[f32; 4]; 8] {
 }
 
 /// Any count of numbers at once.
-pub(crate) trait Floats<S: Simd>: SimdFloat<S, Element = f32> {}
+pub trait Floats<S: Simd>: SimdFloat<S, Element = f32> {}
 
 impl<S: Simd, F: SimdFloat<S, Element = f32>> Floats<S> for F {}
 
@@ -195,7 +195,7 @@ pub(crate) fn polynomial<S: Simd, F: Floats<S>, const N: usize>(simd: S, x: F, c
 
 /// e^x for −86 ≤ x ≤ 87 within (4 + 1.2 |x|) 1e-7 of itself; outside e^{−86} or e^{87}.
 #[inline(always)]
-pub(crate) fn exp<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
+pub fn exp<S: Simd, F: Floats<S>>(simd: S, x: F) -> F {
     // Subnormal numbers take a processor a hundred times as long.
     let x = x.max(F::simd_from(simd, -86.0)).min(F::simd_from(simd, 87.0));
     exp2_within(simd, x * std::f32::consts::LOG2_E)

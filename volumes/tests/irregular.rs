@@ -52,11 +52,16 @@ fn kernels(volume: &IrregularVolume) -> Cloud {
     Partition::new(volume).kernels(&one(), Material::default()).unwrap()
 }
 
-/// What kernels add up to at a point; with `shared` their own masses, without those of their steps alone.
-fn sum_at(cloud: &Cloud, point: DVec3, shared: bool) -> f64 {
+fn masses(cloud: &Cloud) -> Vec<f32> {
     let oblate_engine::Strength::Extinction { masses } = cloud.splats().strength else {
         panic!("no kernels")
     };
+    masses
+}
+
+/// What kernels add up to at a point; with `shared` their own masses, without those of their steps alone.
+fn sum_at(cloud: &Cloud, point: DVec3, shared: bool) -> f64 {
+    let masses = masses(cloud);
     let one = |index: usize| {
         let factor = cloud.factor(index).as_dmat3();
         let away = point - cloud.cloud_to_world().transform_point3(cloud.center(index).as_dvec3());
@@ -230,30 +235,60 @@ fn kernels_of_a_constant_field_add_up_where_spacing_jumps() {
             "{name}: without {without:.3?}, with {with:.3?}; at samples {:.3?} rms {:.4}, before {:.3?} rms {:.4}",
             residual.range, residual.rms, residual.before.0, residual.before.1
         );
-        assert!(residual.rms < 0.5 * residual.before.1);
+        assert!(residual.rms < 0.25 * residual.before.1);
         let worst = |[low, high]: [f64; 2]| (1.0 - low).max(high - 1.0);
-        assert!(worst(with) < 0.6 * worst(without), "{name}: {with:?}, without {without:?}");
+        assert!(worst(with) < 0.25 * worst(without), "{name}: {with:?}, without {without:?}");
     }
 }
 
-/// What kernels add up to at samples is what the residual says, on a bent grid; and it is what brute force gives.
+/// What kernels add up to at samples is what the residual says, on a bent grid: that of brute force, as a share of 1, along borders of what
+/// they have by themselves, but at least of what an even grid has there.
 #[test]
 fn residuals_are_those_of_brute_force() {
-    let volume = mapped([9, 8, 7], bent, |_| 1.0);
+    let dims = [9, 8, 7];
+    let volume = mapped(dims, bent, |_| 1.0);
     let cloud = kernels(&volume);
     let (residual, mut range) = (Partition::new(&volume).residual(), [f64::INFINITY, 0.0_f64]);
-    for point in volume.points() {
-        let sum = sum_at(&cloud, *point, true);
+    // Kernels of an even grid are products of those along its axes.
+    let along = |count: usize, index: usize| -> f64 {
+        let kernel = |other: usize| (-0.5 * ((other as f64 - index as f64) / KERNEL_SIGMA).powi(2)).exp();
+        (0..count).map(kernel).sum::<f64>() / (TAU.sqrt() * KERNEL_SIGMA)
+    };
+    for (number, point) in volume.points().iter().enumerate() {
+        let index = [number % 9, number / 9 % 8, number / 72];
+        let even: f64 = (0..3).map(|axis| along(dims[axis], index[axis])).product();
+        let should = sum_at(&cloud, *point, false).clamp(even, even.max(1.0));
+        let sum = sum_at(&cloud, *point, true) / should;
         range = [range[0].min(sum), range[1].max(sum)];
     }
     // Single precision, and kernels cut off at e^−9 of their peak, a few dozen of them.
     for (found, expected) in range.iter().zip(residual.range) {
         assert!((found - expected).abs() < 2e-3, "{range:?}, {residual:?}");
     }
-    assert!(residual.rms < residual.before.1, "{residual:?}");
+    assert!(residual.rms < 0.25 * residual.before.1, "{residual:?}");
 }
 
-/// An even grid gives a regular volume's kernels, inside.
+/// A tube whose first and last samples around lie in one place: no seam, and no more extinction than the tube has.
+#[test]
+fn kernels_add_up_where_borders_of_a_grid_meet() {
+    let tube = |index: DVec3| {
+        let (radius, angle) = (4.0 + 0.5 * index.x, TAU * index.y / 48.0);
+        DVec3::new(radius * angle.cos(), radius * angle.sin(), 0.5 * index.z)
+    };
+    let cloud = kernels(&mapped([9, 49, 9], tube, |_| 1.0));
+    let at = |angle: f64| sum_at(&cloud, DVec3::new(6.0 * angle.cos(), 6.0 * angle.sin(), 2.0), true);
+    for step in 0..48 {
+        let sum = at(TAU * f64::from(step) / 96.0);
+        // At a seam two samples lie where one would, and steps from it are one-sided: with the masses that steps alone give, the sum is 1.57.
+        assert!((sum - 1.0).abs() < 0.025, "{step}: {sum}");
+    }
+    // As a regular volume's, kernels reach half a step beyond the samples along borders that meet nothing.
+    let mass: f64 = masses(&cloud).iter().map(|mass| f64::from(*mass)).sum();
+    let volume = PI * (8.25_f64.powi(2) - 3.75_f64.powi(2)) * 4.5;
+    assert!((mass / volume - 1.0).abs() < 0.02, "{mass} for {volume}");
+}
+
+/// An even grid gives a regular volume's kernels.
 #[test]
 fn even_grids_are_regular() {
     let frame = frames()[2].1;
@@ -263,6 +298,10 @@ fn even_grids_are_regular() {
     let expected = to_kernels(&regular, &one(), &KernelSettings::default()).unwrap();
     let cloud = kernels(&irregular);
     assert_eq!(cloud.len(), expected.len());
+    // To the borders, within what single precision leaves of a sum.
+    for (ours, theirs) in masses(&cloud).into_iter().zip(masses(&expected)) {
+        assert!((ours / theirs - 1.0).abs() < 1e-5, "{ours} for {theirs}");
+    }
     let center = middle([11; 3], frame);
     let [ours, theirs] = [&cloud, &expected].map(|cloud| sum_at(cloud, center, true));
     // The ripple of a lattice: 4·10⁻⁴.
@@ -310,7 +349,6 @@ fn scattered_samples_have_kernels_and_gradients() {
     let partition = Partition::new(&volume);
     let residual = partition.residual();
     println!("scattered: {residual:.3?}");
-    assert!(residual.rms < 0.75 * residual.before.1, "{residual:?}");
     let cloud = partition.kernels(&one(), Material::default()).unwrap();
     assert_eq!(cloud.len(), 12 * 12 * 12);
     for normal in cloud.splats().normals.unwrap() {
@@ -324,7 +362,7 @@ fn scattered_samples_have_kernels_and_gradients() {
         (low, high) = (low.min(sum), high.max(sum));
     }
     println!("scattered, between samples: {low:.3} to {high:.3}");
-    assert!(low > 0.75 && high < 1.25, "{low} to {high}");
+    assert!(low > 0.8 && high < 1.15, "{low} to {high}");
     assert!(found(&volume, 5.0).is_empty());
 }
 

@@ -40,6 +40,20 @@ impl IrregularVolume {
         self.samples.voxels().get(number).is_finite()
     }
 
+    /// Whether a sample so many steps along the axes from another is there; of scattered ones it isn't known what is missing.
+    pub(super) fn has(&self, number: usize, steps: [i64; 3]) -> bool {
+        let dims = self.samples.dims();
+        let index = [number % dims[0], number / dims[0] % dims[1], number / (dims[0] * dims[1])];
+        let along = |axis: usize| {
+            index[axis].checked_add_signed(steps[axis] as isize).filter(|index| *index < dims[axis])
+        };
+        match (self.arrangement, along(0), along(1), along(2)) {
+            (Arrangement::Scattered, ..) => true,
+            (_, Some(i), Some(j), Some(k)) => self.is_there(self.samples.place([i, j, k])),
+            _ => false,
+        }
+    }
+
     /// Steps of points and of values at a sample of a grid, per step of its indices: central differences inside, one-sided at borders and
     /// beside samples that are not there; zero where both neighbours are missing.
     pub(super) fn grid_steps(&self, index: [usize; 3]) -> (DMat3, DVec3) {

@@ -1,12 +1,13 @@
 //! Fields sampled where no regular grid has its samples: on curvilinear grids, and at points anywhere.
 //!
 //! An [`IrregularVolume`] has a point for each value. What `local` says of a sample, its steps and its gradient, is all that kernels know of
-//! how samples are arranged: `partition` makes kernels of them, `supports` finds those that reach a point. `surfaces` takes the
+//! how samples are arranged: `partition` makes kernels of them, `sums` what these add up to, of those that `supports` finds around points. `surfaces` takes the
 //! iso-surfels of the values, as an even grid in index space, to where the cells lie; `refinement` parts long cells before.
 
 mod local;
 mod partition;
 mod refinement;
+mod sums;
 mod supports;
 mod surfaces;
 

@@ -6,21 +6,24 @@ use rayon::prelude::*;
 use oblate_engine::{Cloud, CloudError, Material, Shapes, Splats, Strength};
 
 use super::IrregularVolume;
-use super::local::{Local, cofactors, downhill};
-use super::supports::Supports;
+use super::local::{Local, downhill};
+use super::sums::{EvenGrid, Sums};
 use crate::kernels::KERNEL_SIGMA;
 use crate::transfer::TransferFunction;
 
-/// Squared distance in σ beyond which a kernel is left out of sums: e^{−9} of its peak.
-const CUTOFF: f32 = 18.0;
+/// How often a step of Shepard's is made. Each takes as long; four leave a fifth of what one does.
+const ROUNDS: usize = 4;
 
 /// The samples of an irregular volume as kernels that add up to nearly 1, ready for one transfer function after another.
 ///
 /// A sample with steps J to its neighbours stands for the volume |det J|, and its kernel has the covariance J diag(σ²) Jᵀ, σ being [`KERNEL_SIGMA`]:
 /// on an even grid that is the kernel of [`to_kernels`](crate::to_kernels). Where steps change, such kernels do not add up to 1; so each is divided
 /// by what they add up to at its own centre (a step of Shepard's: *A Two-Dimensional Interpolation Function for Irregularly-Spaced Data*,
-/// 1968; Zwicker et al., *EWA Volume Splatting*, 2001, section 4.1, ask for a partition of unity), also along borders, where half of the neighbours
-/// are missing, and where parts of a grid overlap. What is left is the [`Residual`].
+/// 1968; Zwicker et al., *EWA Volume Splatting*, 2001, section 4.1, ask for a partition of unity), four times over. What is left is the [`Residual`].
+///
+/// Along borders, where neighbours are missing, kernels add up to less, as those of a regular volume do: at least to what an even grid has where
+/// the same ones are missing. Where borders of a grid meet, or parts of it overlap, they add up to 1. Of scattered samples it isn't known which are
+/// missing: theirs add up to 1 everywhere.
 #[derive(Clone, Debug)]
 pub struct Partition {
     kernels: Vec<Kernel>,
@@ -40,14 +43,14 @@ struct Kernel {
     gradient: Vec3,
 }
 
-/// What kernels of a constant field of 1 add up to at the samples.
+/// What kernels of a constant field of 1 add up to at the samples, as a share of what they should: 1, but less along borders (see [`Partition`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Residual {
     /// Least and greatest sum.
     pub range: [f64; 2],
     /// Root of the mean squared difference from 1.
     pub rms: f64,
-    /// The same two before the step of Shepard's.
+    /// The same two before the steps of Shepard's.
     pub before: ([f64; 2], f64),
 }
 
@@ -56,26 +59,36 @@ impl Partition {
     pub fn new(volume: &IrregularVolume) -> Self {
         let (locals, origin) = (volume.locals(), volume.middle());
         let center = |local: &Local| (volume.points()[local.number] - origin).as_vec3();
-        let reach = |local: &Local| {
-            let rows = local.steps.transpose();
-            let along = DVec3::new(rows.x_axis.length(), rows.y_axis.length(), rows.z_axis.length());
-            (along * KERNEL_SIGMA * f64::from(CUTOFF).sqrt()).as_vec3()
+        let centers: Vec<Vec3> = locals.par_iter().map(center).collect();
+        let sums = Sums::new(&locals, &centers);
+        let mut shares = vec![1.0; locals.len()];
+        let first = sums.at_centers(&shares);
+        let even = EvenGrid::new();
+        let whole = even.sum(|_| true);
+        // Where borders of a grid meet, more is there than an even grid has at a border.
+        let expected = |(local, sum): (&Local, &f32)| {
+            sum.clamp(even.sum(|steps| volume.has(local.number, steps)), whole)
         };
-        let boxes: Vec<(Vec3, Vec3)> = locals.par_iter().map(|local| (center(local), reach(local))).collect();
-        let sums = Sums::new(&locals, &boxes);
-        let first = sums.at_centers(&vec![1.0; locals.len()]);
-        let shares: Vec<f32> = first.par_iter().map(|sum| sum.recip()).collect();
-        let second = sums.at_centers(&shares);
-        let (range, rms) = spread(&second);
-        let residual = Residual { range, rms, before: spread(&first) };
-        let kernel = |(local, share): (&Local, &f32)| Kernel {
-            center: center(local),
+        let expected: Vec<f32> = locals.par_iter().zip(&first).map(expected).collect();
+        let of_expected = |sums: Vec<f32>| -> Vec<f32> {
+            sums.iter().zip(&expected).map(|(sum, expected)| sum / expected).collect()
+        };
+        let mut ratios = of_expected(first);
+        let before = spread(&ratios);
+        for _ in 0..ROUNDS {
+            shares.iter_mut().zip(&ratios).for_each(|(share, ratio)| *share /= ratio);
+            ratios = of_expected(sums.at_centers(&shares));
+        }
+        let (range, rms) = spread(&ratios);
+        let residual = Residual { range, rms, before };
+        let kernel = |((local, center), share): ((&Local, &Vec3), &f32)| Kernel {
+            center: *center,
             factor: (local.steps * KERNEL_SIGMA).as_mat3(),
             volume: (local.steps.determinant().abs() * f64::from(*share)) as f32,
             value: volume.samples().voxels().get(local.number),
             gradient: local.gradient.as_vec3(),
         };
-        let kernels = locals.par_iter().zip(&shares).map(kernel).collect();
+        let kernels = locals.par_iter().zip(&centers).zip(&shares).map(kernel).collect();
         Self { kernels, origin, residual }
     }
 
@@ -111,50 +124,6 @@ impl Partition {
         };
         let cloud = Cloud::new(splats.in_morton_order())?;
         Ok(cloud.transformed(DAffine3::from_translation(self.origin)))
-    }
-}
-
-/// Sums of kernels at points.
-struct Sums {
-    supports: Supports,
-    /// Of each kernel in the supports' order: where it is, and what takes differences to its own units, σ.
-    kernels: Vec<(Vec3, Mat3)>,
-}
-
-impl Sums {
-    fn new(locals: &[Local], boxes: &[(Vec3, Vec3)]) -> Self {
-        let supports = Supports::new(boxes);
-        let to_units = |number: &u32| {
-            let steps = locals[*number as usize].steps;
-            let inverse = cofactors(steps).transpose() * (KERNEL_SIGMA * steps.determinant()).recip();
-            (boxes[*number as usize].0, inverse.as_mat3())
-        };
-        let kernels = supports.order.par_iter().map(to_units).collect();
-        Self { supports, kernels }
-    }
-
-    /// What the kernels add up to at the centre of each, where the volume of each is multiplied by its share.
-    ///
-    /// A volume |det J| over the kernel's (2π)^{3/2} σ³ |det J| is the same for all.
-    fn at_centers(&self, shares: &[f32]) -> Vec<f32> {
-        let peak = ((2.0 * std::f64::consts::PI).powf(-1.5) * KERNEL_SIGMA.powi(-3)) as f32;
-        let at = |place: usize| {
-            let (point, mut sum) = (self.kernels[place].0, 0.0);
-            self.supports.around(point, &mut |other| {
-                let (center, to_units) = self.kernels[other];
-                let squared = (to_units * (point - center)).length_squared();
-                if squared < CUTOFF {
-                    sum += shares[self.supports.order[other] as usize] * (-0.5 * squared).exp();
-                }
-            });
-            peak * sum
-        };
-        let sums: Vec<f32> = (0..self.kernels.len()).into_par_iter().map(at).collect();
-        let mut of_kernels = vec![1.0; sums.len()];
-        for (number, sum) in self.supports.order.iter().zip(sums) {
-            of_kernels[*number as usize] = sum;
-        }
-        of_kernels
     }
 }
 

@@ -1,12 +1,12 @@
-//! Which kernels reach a point: boxes around those of a k-d tree's ranges.
+//! Which kernels reach points: boxes around those of a k-d tree's ranges.
 
 use glam::Vec3;
 use std::ops::Range;
 
 use oblate_engine::neighbors::{Leaf, Tree};
 
-/// Kernels that are looked at one by one.
-const LEAF: usize = 4;
+/// Kernels that are taken together.
+const LEAF: usize = 8;
 
 /// A box: its corners.
 type Corners = [Vec3; 2];
@@ -15,7 +15,6 @@ type Corners = [Vec3; 2];
 pub(super) struct Supports {
     /// Numbers of kernels, in the tree's order.
     pub(super) order: Vec<u32>,
-    own: Vec<Corners>,
     ranges: Vec<Corners>,
 }
 
@@ -30,42 +29,46 @@ impl Supports {
             let (center, half) = boxes[*number as usize];
             [center - half, center + half]
         };
-        let own: Vec<Corners> = order.iter().map(corners).collect();
-        let mut supports = Self { order, ranges: own.clone(), own };
+        let mut supports = Self { ranges: order.iter().map(corners).collect(), order };
         supports.join(0..boxes.len());
         supports
     }
 
+    /// Puts the box of a range in the place of its middle's own, which it holds.
     fn join(&mut self, range: Range<usize>) -> Corners {
         let union = |[low, high]: Corners, [a, b]: Corners| [low.min(a), high.max(b)];
-        if range.len() <= LEAF {
-            return self.own[range].iter().copied().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], union);
+        if range.is_empty() {
+            return [Vec3::INFINITY, Vec3::NEG_INFINITY];
         }
         let middle = range.start + range.len() / 2;
-        let sides = union(self.join(range.start..middle), self.join(middle + 1..range.end));
-        self.ranges[middle] = union(sides, self.own[middle]);
+        let sides = if range.len() <= LEAF {
+            self.ranges[range].iter().copied().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], union)
+        } else {
+            union(self.join(range.start..middle), self.join(middle + 1..range.end))
+        };
+        self.ranges[middle] = union(sides, self.ranges[middle]);
         self.ranges[middle]
     }
 
-    /// Calls back with the place in the order of each kernel whose box holds `point`, always in the same sequence.
-    pub(super) fn around(&self, point: Vec3, see: &mut impl FnMut(usize)) {
-        self.visit(0..self.own.len(), point, see);
+    /// Calls back with ranges of the order that hold all kernels whose boxes meet the one around `points`, always in the same sequence.
+    pub(super) fn around(&self, points: &[Vec3], see: &mut impl FnMut(Range<usize>)) {
+        let corners = points.iter().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[low, high], point| {
+            [low.min(*point), high.max(*point)]
+        });
+        self.visit(0..self.ranges.len(), corners, see);
     }
 
-    fn visit(&self, range: Range<usize>, point: Vec3, see: &mut impl FnMut(usize)) {
-        let holds = |[low, high]: Corners| low.cmple(point).all() && point.cmple(high).all();
-        if range.len() <= LEAF {
-            range.filter(|place| holds(self.own[*place])).for_each(see);
-            return;
-        }
+    fn visit(&self, range: Range<usize>, around: Corners, see: &mut impl FnMut(Range<usize>)) {
+        let meets = |[low, high]: Corners| low.cmple(around[1]).all() && around[0].cmple(high).all();
         let middle = range.start + range.len() / 2;
-        if !holds(self.ranges[middle]) {
+        if range.is_empty() || !meets(self.ranges[middle]) {
             return;
         }
-        self.visit(range.start..middle, point, see);
-        if holds(self.own[middle]) {
-            see(middle);
+        if range.len() <= LEAF {
+            return see(range);
         }
-        self.visit(middle + 1..range.end, point, see);
+        self.visit(range.start..middle, around, see);
+        see(middle..middle + 1);
+        self.visit(middle + 1..range.end, around, see);
     }
 }
