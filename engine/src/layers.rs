@@ -16,7 +16,6 @@ mod sums;
 
 use crate::cuts::{Cut, Cuts, MAX_LAYERS};
 use crate::footprint::Part;
-use crate::frame::LEAST_VISIBLE;
 use crate::raster::{Room, Surfaces, SurfelLens, Surfels};
 use crate::simd::*;
 use crate::tile::{PIXELS, Tile, pixels};
@@ -270,24 +269,9 @@ impl LayerBuilder<'_> {
         let found = peel.record.simd_ne(no_number);
         // Seen exactly edge-on a plane covers nothing, and hides nothing.
         let inverse = weight.simd_gt(W::simd_from(simd, 1e-30)).select(one / weight, zero);
-        let mut opacity = one - (sums.clear * inverse).min(one);
         let has_sides = self.have_sides(simd, peel.cloud);
         let coverage = [has_sides.select(front.weight, weight), has_sides.select(back.weight, zero)];
-        if sums.clear.simd_gt(zero).any_true() {
-            // A layer may be several sheets, one behind the other: as many as it covers its share of the pixel times. But what a single one may cover
-            // too much by unevenness is none, and twice that is as much.
-            let even = sums.even / sums.clear;
-            let times = weight / coverage[0].max(coverage[1]).min(one);
-            let more = times.mul_sub(even, one);
-            let beyond_one = more - (one - even);
-            // What rounding leaves of a clear layer isn't more in several sheets.
-            let is_many = beyond_one.simd_gt(zero) & opacity.simd_gt(W::simd_from(simd, LEAST_VISIBLE));
-            if is_many.any_true() {
-                let sheets = (beyond_one + beyond_one).min(more) + one;
-                let deep = crate::simd::opacity(simd, optical_depth(simd, opacity) * sheets);
-                opacity = is_many.select(deep, opacity);
-            }
-        }
+        let [opacity, inverse_of_shown] = sums.opacity(simd, coverage[0].max(coverage[1]).min(one), inverse);
         let coverage = coverage.each(
             #[inline(always)]
             |of_side| found.select(of_side, zero),
@@ -304,7 +288,7 @@ impl LayerBuilder<'_> {
         cut.depth.store(found.select(sums.depth.mul_add(inverse, peel.depth), infinity));
         cut.alpha.store(found.select(alpha, zero));
         for ((plane, sum), usual) in cut.color.iter_mut().zip(sums.tint).zip(usual) {
-            plane.store(sum.mul_add(inverse, W::simd_from(simd, usual)));
+            plane.store(sum.mul_add(inverse_of_shown, W::simd_from(simd, usual)));
         }
         for (plane, normal) in cut.normal.iter_mut().zip(normal) {
             plane.store(found.select(normal, zero));

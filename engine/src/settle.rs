@@ -35,6 +35,9 @@ const NEARER: f64 = 9.0;
 /// adds up.
 const END_SHARES: [f64; 5] = [1.0 / 4.0, 1.0 / 8.0, 1.0 / 16.0, 1.0 / 32.0, 1.0 / 64.0];
 
+/// Finer ones, tried where even the last of these lack too much: in crowds of hundreds of faint ones.
+const FINER_SHARES: [f64; 3] = [1.0 / 256.0, 1.0 / 1024.0, 1.0 / 4096.0];
+
 /// Where surfels may end, from the nearest on: tried where coverage steps by two tolerances at most at the outline of one by itself.
 /// At 5 an iso-surface shows faint dots, few enough for 99.9 % of the pixels, and is drawn no sooner.
 const OUTLINES: [f64; 2] = [6.25, 9.0];
@@ -59,7 +62,8 @@ const LEAST_SHOWN: usize = 100;
 /// - Extinctions end at a [cut-off](RenderSettings::cutoff) of 9, if that is what it is by default, or as it is, where 99 % of the
 ///   pixels that show anything differ by at most half of the tolerance.
 /// - Opacities end at a [share of the tolerance](RenderSettings::end_share) from a quarter to 1/64, where 99.9 % differ by at most 0.6 of
-///   it, if that is what it is by default. They are cut off by their opacity alone, which costs little.
+///   it, if that is what it is by default, and at finer ones down to 1/4096 where those differ by more. They are cut off by their opacity alone, which
+///   costs little.
 /// - Of both, extinctions end nearer first, with opacities at the share that is set, and then opacities at smaller ones; all is judged as
 ///   opacities are.
 /// - Surfels end at an [outline](RenderSettings::outline) of 6.25 or 9, if it is what it is by default, where 99.9 % differ by at
@@ -106,7 +110,7 @@ pub fn settle(
     let finest = drawn_in(last, far);
     let trial = Trial::new(scene, &windows, finest)?;
     if trial.shown() == 0 {
-        return Ok(*settings);
+        return Ok(finer_ends(scene, settings).last().unwrap_or(*settings));
     }
     let way =
         first(others.iter(), |way| trial.is_within(SHARE_OF_WAYS, &drawn_in(way, far)))?.unwrap_or(last);
@@ -114,8 +118,11 @@ pub fn settle(
     let mut outlined = None;
     if trial.shown() >= LEAST_SHOWN {
         let with_ends = nearer.iter().map(|ends| drawn_in(way, ends));
-        settled =
-            nearest_ends(&trial, (finest, settings), scene.has_opacities(), with_ends)?.unwrap_or(settled);
+        let finer = finer_ends(scene, &settled);
+        settled = match nearest_ends(&trial, (finest, settings), scene.has_opacities(), with_ends)? {
+            Some(found) => found,
+            None => far_ends(&trial, settled, finer)?,
+        };
         let nearer = outlines.map(|outline| RenderSettings { outline, ..settled });
         outlined = first(nearer, |found| trial.is_within(SHARE_OF_ENDS, found))?;
     }
@@ -148,6 +155,25 @@ fn nearest_ends(
         let is_near = trial.difference(rank, [&truth, &drawn]) <= share * finest.tolerance;
         Ok(is_near && trial.are_within(MOST_OF_ALL, found, &drawn)?)
     })
+}
+
+/// The ends that ways were judged with, or the first finer ones that keep to their share of the tolerance beside their own picture at an
+/// eighth of it; the last where none do.
+fn far_ends(
+    trial: &Trial,
+    settled: RenderSettings,
+    finer: impl Iterator<Item = RenderSettings>,
+) -> Result<RenderSettings, SceneError> {
+    let mut best = settled;
+    for finer in finer {
+        let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * best.tolerance, ..best };
+        let pictures = [trial.first(&with_far_ends(&strict, &strict))?, trial.first(&best)?];
+        if trial.difference(0.999, [&pictures[0], &pictures[1]]) <= SHARE_OF_OPACITIES * best.tolerance {
+            break;
+        }
+        best = finer;
+    }
+    Ok(best)
 }
 
 /// The coarsest levels of detail, given from the coarsest on, that keep to the ways' share of the tolerance, with the first of several outlines with
@@ -226,6 +252,17 @@ fn with_far_ends(asked: &RenderSettings, settings: &RenderSettings) -> RenderSet
 /// The cut-off where the densest opacity falls below the least that counts, no less than the usual one.
 fn opacities_end(settings: &RenderSettings) -> f64 {
     settings.cutoff.max(-2.0 * settings.least_opacity().max(1e-9).ln())
+}
+
+/// Settings with opacities that end at finer shares than usual; none where the scene has no opacities, or it is said where they end.
+fn finer_ends(scene: &Scene, settings: &RenderSettings) -> impl Iterator<Item = RenderSettings> + use<> {
+    let is_left_open = scene.has_opacities() && settings.end_share == RenderSettings::default().end_share;
+    let settings = *settings;
+    let shares = FINER_SHARES.into_iter().filter(move |_| is_left_open);
+    shares.map(move |end_share| {
+        let finer = RenderSettings { end_share, ..settings };
+        RenderSettings { cutoff: opacities_end(&finer).max(settings.cutoff), ..finer }
+    })
 }
 
 /// Settings with the ends that the scene's kernels may have, from the nearest to the farthest.

@@ -140,6 +140,38 @@ fn layers_of_several_sheets_are_as_opaque_as_these() {
     assert!((alpha - (1.0 - 0.98f64.powi(67))).abs() < 1e-3, "{alpha}");
 }
 
+/// A white wall with a red sheet of each opacity a fifth of a pixel before or behind it, which share layers, on its left half: the wall is as opaque as ever,
+/// and a clear sheet has no colour.
+#[test]
+fn opaque_sheets_stay_opaque_beside_others() {
+    let camera = camera(5.0, 32);
+    for (opacity, behind) in [(0.0, -0.02), (0.0, 0.02), (0.3, 0.02), (0.9, 0.02), (0.9, -0.02)] {
+        let mut splats = plane(50, 0.05, [1.0, 0.0, 0.0]).splats();
+        let Strength::Surface(surface) = &mut splats.strength else { unreachable!("they are surfels") };
+        surface.opacities = Some(vec![opacity; splats.centers.len()]);
+        for center in &mut splats.centers {
+            center.x = 0.5 * center.x - 0.625;
+        }
+        let wall = plane(50, 0.05, [1.0; 3]).transformed(tilted(0.0, DVec3::ZERO));
+        let sheet = Cloud::new(splats).unwrap().transformed(tilted(0.0, DVec3::Z * behind));
+        let clouds = [wall, sheet];
+        for frame in [draw(clouds.to_vec(), &camera, &unshaded()), r1(&clouds, &camera, &unshaded())] {
+            for (pixel, color) in frame.color.iter().enumerate() {
+                let [x, y] = [pixel % 32, pixel / 32].map(|at| at as f64 + 0.5 - 16.0);
+                // The wall fills the middle half of the picture.
+                if x.abs() > 5.0 || y.abs() > 5.0 {
+                    continue;
+                }
+                // Where the sheet ends, the little that it covers is taken for unevenness of the wall.
+                assert!(color[3] > 0.99, "{opacity} at {behind}: {pixel}: {color:?}");
+                if opacity == 0.0 {
+                    assert!(color[1] > 0.99, "{opacity} at {behind}: {pixel}: {color:?}");
+                }
+            }
+        }
+    }
+}
+
 /// A surfel like a sun in the corner of a picture takes no digits from a dim sheet in the rest of the tile, however they are listed.
 #[test]
 fn a_bright_surfel_leaves_the_rest_of_its_tile_as_it_is() {

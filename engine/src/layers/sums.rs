@@ -1,7 +1,14 @@
 //! What a layer's samples add up to, and what is seen through layers.
 
+use crate::frame::LEAST_VISIBLE;
 use crate::raster::{Look, Surfel};
 use crate::simd::*;
+
+/// What a layer lets through at least where it is more than the difference of two sums.
+const LEAST_CLEAR: f32 = 1e-5;
+
+/// What sums of hundreds of equal samples may be off by.
+const ROUNDING: f32 = 4e-6;
 
 /// Sums over the samples of a layer.
 #[derive(Clone, Copy)]
@@ -10,13 +17,16 @@ pub(super) struct Sums<S: Simd> {
     /// cancel, so their normals are never added.
     pub(super) front: Side<S>,
     pub(super) back: Side<S>,
-    /// Of how far colours are from the tile's usual one, which surfaces most often have all over.
+    /// Of how far colours are from the tile's usual one, which surfaces most often have all over, by opacity.
     pub(super) tint: [W<S>; 3],
     /// Of depths behind the first sample's.
     pub(super) depth: W<S>,
-    /// Of 1 − opacity; and of that by how even coverage is.
-    pub(super) clear: W<S>,
-    pub(super) even: W<S>,
+    /// Of those that aren't plain: of weights, and of opacity.
+    special: W<S>,
+    shown: W<S>,
+    /// Of (1 − opacity)², and of 1 − opacity by how even coverage is.
+    clear_squared: W<S>,
+    even: W<S>,
 }
 
 #[derive(Clone, Copy)]
@@ -30,7 +40,16 @@ impl<S: Simd> Sums<S> {
     pub(super) fn zero(simd: S) -> Self {
         let zero = W::simd_from(simd, 0.0);
         let side = Side { weight: zero, normal: [zero; 3] };
-        Self { front: side, back: side, tint: [zero; 3], depth: zero, clear: zero, even: zero }
+        Self {
+            front: side,
+            back: side,
+            tint: [zero; 3],
+            depth: zero,
+            special: zero,
+            shown: zero,
+            clear_squared: zero,
+            even: zero,
+        }
     }
 
     #[inline(always)]
@@ -43,8 +62,12 @@ impl<S: Simd> Sums<S> {
     pub(super) fn add(&mut self, simd: S, (surfel, look): (&Surfel, &Look), [weight, behind]: [W<S>; 2]) {
         self.depth = behind.mul_add(weight, self.depth);
         if !surfel.is_plain() {
-            self.clear = weight.mul_add(W::simd_from(simd, look.clear), self.clear);
-            self.even = weight.mul_add(W::simd_from(simd, look.clear * look.even), self.even);
+            let clear = 1.0 - look.opacity;
+            // Of opaque ones bit for bit the same.
+            self.special += weight;
+            self.shown = weight.mul_add(W::simd_from(simd, look.opacity), self.shown);
+            self.even = weight.mul_add(W::simd_from(simd, clear * look.even), self.even);
+            self.clear_squared = weight.mul_add(W::simd_from(simd, clear * clear), self.clear_squared);
             self.tint = [0, 1, 2].each(
                 #[inline(always)]
                 |i| weight.mul_add(W::simd_from(simd, look.tint[i]), self.tint[i]),
@@ -56,6 +79,42 @@ impl<S: Simd> Sums<S> {
         } else {
             self.front.add(simd, surfel, weight);
         }
+    }
+}
+
+impl<S: Simd> Sums<S> {
+    /// The opacity of a layer that covers `coverage` of the pixel, and what tints are multiplied by; weights are multiplied by `inverse`.
+    ///
+    /// A layer may be several sheets, one behind the other: as many as it covers its share times. But what a single one may cover too
+    /// much by unevenness is none, and twice that is as much. Samples of one sheet lie beside each other, and let through their mean. Those of
+    /// several lie behind each other, and let through the product of their means: of two, m − d and m + d, that is m² − d², where all
+    /// samples together have the mean m and the variance d². So an opaque sheet hides what shares its layer.
+    #[inline(always)]
+    pub(super) fn opacity(&self, simd: S, coverage: W<S>, inverse: W<S>) -> [W<S>; 2] {
+        let (zero, one) = (W::simd_from(simd, 0.0), W::simd_from(simd, 1.0));
+        let (weight, clear) = (self.weight(), self.special - self.shown);
+        let opacity = one - (clear * inverse).min(one);
+        if !clear.simd_gt(zero).any_true() {
+            return [opacity, inverse];
+        }
+        // What rounding leaves of a clear layer has no colour; neither that nor what is left of nothing is more in several sheets.
+        let is_visible = opacity.simd_gt(W::simd_from(simd, LEAST_VISIBLE));
+        let shown = weight - self.special + self.shown;
+        let of_shown = (is_visible & inverse.simd_gt(zero)).select(one / shown, zero);
+        let (even, times) = (self.even / clear, weight / coverage);
+        let more = times.mul_sub(even, one);
+        let twice_beyond = (more - (one - even)) * 2.0;
+        let is_seen_through = (clear * inverse).simd_gt(W::simd_from(simd, LEAST_CLEAR));
+        let is_many = twice_beyond.simd_gt(zero) & is_visible & is_seen_through;
+        if !is_many.any_true() {
+            return [opacity, of_shown];
+        }
+        let sheets = twice_beyond.min(more) + one;
+        let deep = crate::simd::opacity(simd, optical_depth(simd, opacity) * sheets);
+        // Beside the squared mean, but for what rounding leaves of nothing; as many more sheets as there may be.
+        let variance = (self.clear_squared * weight / (clear * clear) - (1.0 + ROUNDING)).max(zero);
+        let hidden = (twice_beyond.min(times / even - one) * variance).min(one);
+        [is_many.select((one - deep).mul_add(hidden, deep), opacity), of_shown]
     }
 }
 

@@ -68,7 +68,7 @@ pub(super) fn segments<'a>(
 /// layer's first sample is the nearest (equal depths: the lowest id); it takes each sample whose span begins
 /// within the first one's tolerance plus three of the sample's own σ behind the end of the first one's span, or, where that is of a surfel
 /// much smaller than the filter, a σ of the filter more.
-/// Means are weighted by coverage over its floor; that of normals is taken over the side, front
+/// Means are weighted by coverage over its floor, that of colours by opacity, too; that of normals is taken over the side, front
 /// or back, that covers more.
 pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Layer<'a>> + use<'a> {
     samples.sort_by(|a, b| a.z.total_cmp(&b.z).then(a.id.cmp(&b.id)));
@@ -83,10 +83,8 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
         let (taken, behind): (Vec<_>, Vec<_>) = left.iter().partition(|s| belongs(s));
         left = behind;
         let total: f64 = taken.iter().map(|s| s.coverage()).sum();
-        let mean = |value: fn(&Sample<'_>) -> DVec3| -> DVec3 {
-            taken.iter().map(|s| s.coverage() * value(s)).sum::<DVec3>() / total
-        };
         let covered: f64 = taken.iter().map(|s| s.opacity * s.coverage()).sum();
+        let color: DVec3 = taken.iter().map(|s| s.opacity * s.coverage() * s.color).sum();
         let mean_z = first.z + taken.iter().map(|s| s.coverage() * (s.z - first.z)).sum::<f64>() / total;
         // Spans that interleave may have means out of order.
         nearest = mean_z.max(nearest);
@@ -99,14 +97,24 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
         let own = if first.has_sides { [covered_by(false), covered_by(true)] } else { [total, 0.0] };
         let coverage = own[0].max(own[1]).min(1.0);
         // A layer may be several sheets, one behind the other: as many as it covers its share of the pixel times. But what a single one may cover too much by
-        // unevenness is none, and twice that is as much.
+        // unevenness is none, and twice that is as much. Samples of one sheet let through their mean, of two, m − d and m + d, the product m² − d².
         let clear = |s: &Sample<'_>| (1.0 - s.opacity) * s.coverage();
         let even =
             taken.iter().map(|s| s.even * clear(s)).sum::<f64>() / taken.iter().map(clear).sum::<f64>();
         // Where all is opaque it is no number.
-        let more = total / coverage * even - 1.0;
-        let sheets = 1.0 + (2.0 * (more - (1.0 - even))).min(more).max(0.0);
-        let opacity = 1.0 - (1.0 - covered / total).max(0.0).powf(sheets);
+        let times = total / coverage;
+        let more = times * even - 1.0;
+        let twice_beyond = 2.0 * (more - (1.0 - even));
+        let sheets = 1.0 + twice_beyond.min(more).max(0.0);
+        let mean_clear = (1.0 - covered / total).max(0.0);
+        let variance = if mean_clear > 0.0 {
+            let squares: f64 = taken.iter().map(|s| (1.0 - s.opacity) * clear(s)).sum();
+            (squares / total / mean_clear.powi(2) - 1.0).max(0.0)
+        } else {
+            0.0
+        };
+        let product = 1.0 - twice_beyond.min(times / even - 1.0).max(0.0) * variance;
+        let opacity = 1.0 - mean_clear.powf(sheets) * product.max(0.0);
         // Fronts lie beside fronts, backs beside backs, as long as there is room; fronts and backs in the same place.
         let covered_before = covered_together;
         let seen_before = 1.0 - covered_before + veiled;
@@ -122,7 +130,7 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
             z: nearest,
             id: first.id,
             alpha,
-            color: mean(|s| s.color),
+            color: if covered > 0.0 { color / covered } else { first.color },
             normal: if shows_back { -side(true) } else { side(false) } / covered_by(shows_back),
             material: first.material,
         })

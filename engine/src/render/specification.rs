@@ -250,9 +250,15 @@ impl<'a> Specification<'a> {
             };
             let own = if first.has_sides { [of_side(false), of_side(true)] } else { [total, 0.0] };
             let coverage = own[0].max(own[1]).min(1.0);
-            let more = even * total / coverage - 1.0;
-            let sheets = 1.0 + (2.0 * (more - (1.0 - even))).min(more).max(0.0);
-            let opacity = 1.0 - clear.powf(sheets);
+            let times = total / coverage;
+            let more = even * times - 1.0;
+            let twice_beyond = 2.0 * (more - (1.0 - even));
+            let sheets = 1.0 + twice_beyond.min(more).max(0.0);
+            // Of several sheets what each lets through multiplies.
+            let squares = mean(|s| (1.0 - s.opacity).powi(2));
+            let variance = if clear > 0.0 { (squares / clear.powi(2) - 1.0).max(0.0) } else { 0.0 };
+            let product = (1.0 - twice_beyond.min(times / even - 1.0).max(0.0) * variance).max(0.0);
+            let opacity = 1.0 - clear.powf(sheets) * product;
             let (before, covered) = (seen, all);
             sides = [0, 1].map(|side| (sides[side] + own[side]).min(1.0));
             all = together(sides).max(covered);
@@ -263,7 +269,11 @@ impl<'a> Specification<'a> {
                 return None;
             }
             let z = mean(|s| s.z).max(cuts.last().map_or(f64::NEG_INFINITY, |cut| cut.z));
-            let color = DVec3::new(mean(|s| s.color.x), mean(|s| s.color.y), mean(|s| s.color.z));
+            let color = DVec3::new(
+                mean(|s| s.opacity * s.color.x),
+                mean(|s| s.opacity * s.color.y),
+                mean(|s| s.opacity * s.color.z),
+            ) / mean(|s| s.opacity).max(1e-300);
             let alpha = if before > 0.0 { 1.0 - seen / before } else { 1.0 };
             cuts.push(SpecifiedCut { z, alpha, color, id: first.id });
         }

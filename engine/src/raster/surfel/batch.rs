@@ -39,10 +39,9 @@ pub(crate) struct Surfels {
 /// What is special about a surfel.
 #[derive(Clone, Copy)]
 pub(crate) struct Look {
-    /// How far its colour is from the tile's usual one.
+    /// How far its colour is from the tile's usual one, by its opacity.
     pub(crate) tint: [f32; 3],
-    /// 1 − opacity.
-    pub(crate) clear: f32,
+    pub(crate) opacity: f32,
     /// How even the coverage of a single sheet is there, at least: between this and as much above 1 as this is below.
     pub(crate) even: f32,
 }
@@ -65,7 +64,7 @@ impl Surfels {
         exact: 0,
         each: [Surfel::NONE; BATCH],
         slants: [Slant::NONE; BATCH],
-        looks: [Look { tint: [0.0; 3], clear: 0.0, even: 1.0 }; BATCH],
+        looks: [Look { tint: [0.0; 3], opacity: 1.0, even: 1.0 }; BATCH],
         masks: BlockMasks::NONE,
     };
 

@@ -23,7 +23,7 @@ pub(super) struct Sides {
     numbers: Column,
     /// As in a [`Look`]; old of octets of which all are plain.
     tint: [Column; 3],
-    clear: Column,
+    opacity: Column,
     /// Coverage floors; then how even coverage is.
     even: Column,
     /// What is made of them, as in a [`Surfel`] and a [`Slant`].
@@ -42,7 +42,7 @@ impl Sides {
         flags: [0.0; BATCH],
         numbers: [0.0; BATCH],
         tint: [[0.0; BATCH]; 3],
-        clear: [0.0; BATCH],
+        opacity: [1.0; BATCH],
         even: [1.0; BATCH],
         along: [[0.0; BATCH]; 3],
         across: [[0.0; BATCH]; 2],
@@ -66,14 +66,14 @@ impl Sides {
         if !octet.are_alike || octet.first_look != [red, green, blue, 1.0] {
             let look =
                 if octet.are_alike { octet.first_look.map(|number| [number; LANES]) } else { octet.looks };
-            let clear = one - V::simd_from(simd, look[3]);
-            is_plain = clear.simd_le(zero);
-            place.put(simd, &mut self.clear, &clear.into());
+            let opacity = V::simd_from(simd, look[3]);
+            is_plain = opacity.simd_ge(one);
+            place.put(simd, &mut self.opacity, &opacity.into());
             place.put(simd, &mut self.even, &[floor; LANES]);
             for ((column, look), usual) in self.tint.iter_mut().zip(look).zip(usual) {
                 let tint = V::simd_from(simd, look) - usual;
                 is_plain &= tint.simd_eq(zero);
-                place.put(simd, column, &tint.into());
+                place.put(simd, column, &(tint * opacity).into());
             }
         }
         let flags = is_plain.select(u32x8::simd_from(simd, IS_PLAIN), none)
@@ -160,10 +160,10 @@ impl Sides {
         }
         if (own & IS_PLAIN).simd_eq(none).any_true() {
             let [red, green, blue] = eight_of(simd, &self.tint, first);
-            let special = rows(simd, [red, green, blue, eight(simd, &self.clear, first)]);
+            let special = rows(simd, [red, green, blue, eight(simd, &self.opacity, first)]);
             let looks = looks[first..first + LANES].iter_mut();
-            for ((look, [red, green, blue, clear]), even) in looks.zip(special).zip(&self.even[first..]) {
-                *look = Look { tint: [red, green, blue], clear, even: *even };
+            for ((look, [red, green, blue, opacity]), even) in looks.zip(special).zip(&self.even[first..]) {
+                *look = Look { tint: [red, green, blue], opacity, even: *even };
             }
         }
     }
