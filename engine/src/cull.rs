@@ -219,6 +219,7 @@ fn find_visible(
             pixel_filter,
             allowance: allowance(cloud.levels(), settings.tolerance) * settings.level_of_detail * widening
                 / stretch,
+            closest: AROUND_THE_EYE * (1.0 - widening.recip()),
             end: settings.farthest_end(),
             stretch,
             cloud_to_camera,
@@ -264,6 +265,10 @@ pub(crate) fn find_affordable(view: SceneView, visible: &mut Vec<VisibleRange>) 
     }
     find_visible(view, f64::exp2(wide_enough), visible)
 }
+
+/// What of a cluster around the eye is as near as nothing is never merged; where a budget asks for more, all of it counts as at least so far away, as a share
+/// of its farthest.
+const AROUND_THE_EYE: f64 = 1.0 / 128.0;
 
 /// The widest filter that a budget may ask for, as a power of two, and how often it is halved to fit.
 const WIDEST: f64 = 40.0;
@@ -317,6 +322,8 @@ struct Search<'a> {
     pixel_filter: f64,
     /// What makes a filter in the world one that needs are compared with.
     allowance: f64,
+    /// The least distance that is compared with, as a share of a cluster's farthest.
+    closest: f64,
     /// The squared Mahalanobis radius at which every splat has ended, kernel or surfel: bounds of what is hidden go by the same.
     end: f64,
     stretch: f64,
@@ -353,7 +360,8 @@ impl Search<'_> {
         if self.hides_backs_from.is_some_and(|viewer| cluster.normals.faces_away(&viewer, sphere)) {
             return 0;
         }
-        let nearest = if self.perspective { (center.z - radius).max(self.near) } else { 1.0 };
+        let nearest = (center.z - radius).max(self.near).max(self.closest * farthest);
+        let nearest = if self.perspective { nearest } else { 1.0 };
         let filter = ((self.pixel_filter * nearest * self.allowance) as f32).max(filter_above);
         let [least, most] = cluster.needs;
         let mut culled = 0;

@@ -110,7 +110,7 @@ pub fn settle(
     let finest = drawn_in(last, far);
     let trial = Trial::new(scene, &windows, finest)?;
     if trial.shown() == 0 {
-        return Ok(finer_ends(scene, settings).last().unwrap_or(*settings));
+        return Ok(finer_ends(scene, settings, *settings).last().unwrap_or(*settings));
     }
     let way =
         first(others.iter(), |way| trial.is_within(SHARE_OF_WAYS, &drawn_in(way, far)))?.unwrap_or(last);
@@ -118,10 +118,10 @@ pub fn settle(
     let mut outlined = None;
     if trial.shown() >= LEAST_SHOWN {
         let with_ends = nearer.iter().map(|ends| drawn_in(way, ends));
-        let finer = finer_ends(scene, &settled);
+        let finer = finer_ends(scene, settings, settled);
         settled = match nearest_ends(&trial, (finest, settings), scene.has_opacities(), with_ends)? {
             Some(found) => found,
-            None => far_ends(&trial, settled, finer)?,
+            None => far_ends(&trial, (settled, settings), finer)?,
         };
         let nearer = outlines.map(|outline| RenderSettings { outline, ..settled });
         outlined = first(nearer, |found| trial.is_within(SHARE_OF_ENDS, found))?;
@@ -161,13 +161,13 @@ fn nearest_ends(
 /// eighth of it; the last where none do.
 fn far_ends(
     trial: &Trial,
-    settled: RenderSettings,
+    (settled, asked): (RenderSettings, &RenderSettings),
     finer: impl Iterator<Item = RenderSettings>,
 ) -> Result<RenderSettings, SceneError> {
     let mut best = settled;
     for finer in finer {
         let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * best.tolerance, ..best };
-        let pictures = [trial.first(&with_far_ends(&strict, &strict))?, trial.first(&best)?];
+        let pictures = [trial.first(&with_far_ends(asked, &strict))?, trial.first(&best)?];
         if trial.difference(0.999, [&pictures[0], &pictures[1]]) <= SHARE_OF_OPACITIES * best.tolerance {
             break;
         }
@@ -254,15 +254,16 @@ fn opacities_end(settings: &RenderSettings) -> f64 {
     settings.cutoff.max(-2.0 * settings.least_opacity().max(1e-9).ln())
 }
 
-/// Settings with opacities that end at finer shares than usual; none where the scene has no opacities, or it is said where they end.
-fn finer_ends(scene: &Scene, settings: &RenderSettings) -> impl Iterator<Item = RenderSettings> + use<> {
-    let is_left_open = scene.has_opacities() && settings.end_share == RenderSettings::default().end_share;
-    let settings = *settings;
+/// Settings with opacities that end at finer shares than usual; none where the scene has no opacities, or it was said where they end.
+fn finer_ends(
+    scene: &Scene,
+    asked: &RenderSettings,
+    settings: RenderSettings,
+) -> impl Iterator<Item = RenderSettings> + use<> {
+    let is_left_open = scene.has_opacities() && asked.end_share == RenderSettings::default().end_share;
+    let asked = *asked;
     let shares = FINER_SHARES.into_iter().filter(move |_| is_left_open);
-    shares.map(move |end_share| {
-        let finer = RenderSettings { end_share, ..settings };
-        RenderSettings { cutoff: opacities_end(&finer).max(settings.cutoff), ..finer }
-    })
+    shares.map(move |end_share| with_far_ends(&asked, &RenderSettings { end_share, ..settings }))
 }
 
 /// Settings with the ends that the scene's kernels may have, from the nearest to the farthest.

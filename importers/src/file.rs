@@ -33,6 +33,11 @@ impl File {
         }
     }
 
+    /// The bytes of a text: what follows the mark of UTF-8, if it begins with one.
+    pub(crate) fn text(&self) -> &[u8] {
+        unmarked(&self.bytes)
+    }
+
     pub(crate) fn malformed(&self, place: Place, problem: impl Into<String>) -> ImportError {
         ImportError::Malformed { path: self.path.clone(), place, problem: problem.into() }
     }
@@ -49,6 +54,11 @@ fn all(path: &Path) -> io::Result<Vec<u8>> {
     bytes.try_reserve_exact(usize::try_from(length).map_err(io::Error::other)?).map_err(io::Error::other)?;
     handle.read_to_end(&mut bytes)?;
     Ok(bytes)
+}
+
+/// What follows the mark of UTF-8 that some programs begin texts with.
+pub(crate) fn unmarked(text: &[u8]) -> &[u8] {
+    text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text)
 }
 
 /// Text of a file in quotes for a message: its beginning, where it is long.

@@ -1,6 +1,6 @@
 //! Every format: how its files are told, and who reads them.
 
-use crate::file::File;
+use crate::file::{File, unmarked};
 use crate::gltf;
 use crate::meshes::{obj, stl};
 use crate::ply;
@@ -132,7 +132,7 @@ pub(crate) fn names() -> String {
 
 /// What follows the mark of a text's encoding and white space.
 fn text(bytes: &[u8]) -> &[u8] {
-    bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start()
+    unmarked(bytes).trim_ascii_start()
 }
 
 fn json(bytes: &[u8]) -> Option<&[u8]> {
@@ -149,7 +149,7 @@ fn contains(bytes: &[u8], part: &[u8]) -> bool {
 
 /// Whether the first line that says something begins with a word of OBJ.
 fn looks_like_obj(bytes: &[u8]) -> bool {
-    let head = &bytes[..bytes.len().min(4096)];
+    let head = unmarked(&bytes[..bytes.len().min(4096)]);
     let line = head.split(|&b| b == b'\n').map(<[u8]>::trim_ascii).find(|l| !l.is_empty() && l[0] != b'#');
     let word = line.and_then(|l| l.split(|b| b.is_ascii_whitespace()).next());
     matches!(word, Some(b"v" | b"vt" | b"vn" | b"f" | b"o" | b"g" | b"s" | b"mtllib" | b"usemtl"))

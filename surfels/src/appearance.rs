@@ -1,6 +1,6 @@
 //! Colour and shading normal of a piece of the surface.
 
-use crate::facets::{Facet, Facets};
+use crate::facets::{Facet, Facets, Part};
 use crate::mesh::{Mesh, Primitive, Texture};
 use crate::texture::{Mask, Pyramid};
 use glam::{DVec3, Vec2, Vec3, Vec4};
@@ -19,6 +19,8 @@ pub(crate) struct Appearance<'a> {
     facets: &'a Facets<'a>,
     /// Of each part.
     textures: Vec<Option<&'a Pyramid<'a>>>,
+    /// Whether nothing of a part can be seen through.
+    are_opaque: Vec<bool>,
 }
 
 /// The textures of a mesh, each once for each mask, ready to be sampled.
@@ -56,7 +58,20 @@ fn key(part: &Primitive, texture: &Arc<Texture>) -> Key {
 impl<'a> Appearance<'a> {
     pub(crate) fn new(facets: &'a Facets<'a>, textures: &'a Textures<'a>) -> Self {
         let find = |part: &Primitive| texture(part).and_then(|texture| textures.0.get(&key(part, texture)));
-        Self { facets, textures: facets.parts.iter().map(|part| find(part.primitive)).collect() }
+        let textures: Vec<_> = facets.parts.iter().map(|part| find(part.primitive)).collect();
+        let is_opaque = |(part, texture): (&Part, &Option<&Pyramid>)| {
+            let Primitive { material, colors, .. } = part.primitive;
+            material.factor.w >= 1.0
+                && colors.iter().flatten().all(|color| color.w >= 1.0)
+                && texture.is_none_or(Pyramid::is_opaque)
+        };
+        let are_opaque = facets.parts.iter().zip(&textures).map(is_opaque).collect();
+        Self { facets, textures, are_opaque }
+    }
+
+    /// Whether nothing of a facet's part can be seen through.
+    pub(crate) fn is_opaque(&self, facet: &Facet) -> bool {
+        self.are_opaque[facet.part as usize]
     }
 
     /// What a facet looks like, in cells of a side.

@@ -167,8 +167,16 @@ struct Cells {
     divider: Divider,
     /// The last sheet of each cell, in Morton order.
     last: Vec<u32>,
-    /// Each with the one before it in its cell.
-    sheets: Vec<(Share, u32)>,
+    sheets: Vec<Sheet>,
+}
+
+struct Sheet {
+    share: Share,
+    /// Whether it is of parts that nothing can be seen through: one surfel that stood for such and for others would let
+    /// through what is behind both.
+    is_opaque: bool,
+    /// The one before it in its cell.
+    before: u32,
 }
 
 impl Default for Cells {
@@ -193,12 +201,13 @@ impl Cells {
         for entry in block {
             let facet = &facets.facets[entry.facet as usize];
             let facing = facet.normal.as_dvec3();
+            let is_opaque = look.is_opaque(facet);
             let corners = facets.corners(facet).map(|p| p / side - origin);
             let look = look.of(facet, side);
             let most_area = f64::from(look.most_area());
             divider.divide(&corners, [UVec3::ZERO, UVec3::splat(SIDE - 1)], &mut |cell, polygon| {
                 let middle = cell.as_dvec3() + 0.5;
-                let share = self.sheet(cell, facing, rule);
+                let share = self.sheet(cell, (facing, is_opaque), rule);
                 for pair in polygon[1..].windows(2) {
                     let triangle = [polygon[0], pair[0], pair[1]];
                     let area = share.add(triangle.map(|p| p - middle), facing);
@@ -212,7 +221,7 @@ impl Cells {
         let mut surfels = Vec::with_capacity(self.sheets.len());
         for (key, last) in (0..).zip(&mut self.last) {
             let mut at = std::mem::replace(last, END);
-            while let Some((share, before)) = self.sheets.get(at as usize) {
+            while let Some(Sheet { share, before, .. }) = self.sheets.get(at as usize) {
                 let middle = origin + place(key).as_dvec3() + 0.5;
                 let width = rule.grading.width(middle * side) / side;
                 surfels.extend(share.surfel(middle, rule.blur * width * width));
@@ -223,22 +232,23 @@ impl Cells {
         surfels
     }
 
-    /// The sheet of a cell that faces most nearly as a piece does, a new one if all face elsewhere.
-    fn sheet(&mut self, cell: UVec3, facing: DVec3, rule: Rule) -> &mut Share {
+    /// The sheet of a cell that faces most nearly as a piece does, of those that are as opaque; a new one if all face elsewhere.
+    fn sheet(&mut self, cell: UVec3, (facing, is_opaque): (DVec3, bool), rule: Rule) -> &mut Share {
         let last = &mut self.last[morton(cell) as usize];
         let (mut best, mut most, mut at) = (END, rule.least_cosine, *last);
-        while let Some((share, before)) = self.sheets.get(at as usize) {
-            let cosine = share.cosine(facing);
-            if cosine >= most {
+        while let Some(sheet) = self.sheets.get(at as usize) {
+            let cosine = sheet.share.cosine(facing);
+            if sheet.is_opaque == is_opaque && cosine >= most {
                 (best, most) = (at, cosine);
             }
-            at = *before;
+            at = sheet.before;
         }
         if best == END {
             best = self.sheets.len() as u32;
-            self.sheets.push((Share::default(), std::mem::replace(last, best)));
+            let before = std::mem::replace(last, best);
+            self.sheets.push(Sheet { share: Share::default(), is_opaque, before });
         }
-        &mut self.sheets[best as usize].0
+        &mut self.sheets[best as usize].share
     }
 }
 

@@ -71,6 +71,11 @@ impl<'a> Pyramid<'a> {
         here * (alpha / here.w)
     }
 
+    /// Whether nothing of it can be seen through, but for a ten-thousandth at most.
+    pub(crate) fn is_opaque(&self) -> bool {
+        self.texel(self.means.len(), 0, 0).w > 0.9999
+    }
+
     /// Width and height in texels.
     pub(crate) fn size(&self) -> Vec2 {
         Vec2::new(self.texture.width as f32, self.texture.height as f32)

@@ -2,9 +2,9 @@
 
 mod support;
 
-use glam::{DAffine3, Vec2, Vec4};
-use oblate_engine::Cloud;
+use glam::{DAffine3, DQuat, DVec3, Vec2, Vec4};
 use oblate_engine::color::{linear_to_srgb, srgb_to_linear};
+use oblate_engine::{Camera, Cloud, Pose, RenderSettings, Scene, render};
 use oblate_surfels::{
     BaseColor, Density, Mesh, Primitive, SamplerSettings, Texture, Wrap, primitives, sample,
 };
@@ -209,5 +209,46 @@ fn masks_compare_factor_times_vertex_colour() {
         let expected = if opacity > 0.0 { [1.0, 0.5, 1.0] } else { [0.0; 3] };
         // A quotient of rounded means.
         assert!(color.iter().zip(expected).all(|(c, e)| (c - e).abs() < 1e-6), "{color:?}");
+    }
+}
+
+/// A white wall with a red sheet before or behind it that nothing is left of, or that a third shows of, nearer than surfels are wide.
+#[test]
+fn surfels_of_opaque_parts_stand_for_nothing_else() {
+    let wall = BaseColor { factor: Vec4::ONE, texture: None };
+    for (opacity, away) in [(0.0, 0.002), (0.0, -0.002), (0.3, -0.002)] {
+        let red = BaseColor { factor: Vec4::new(1.0, 0.0, 0.0, opacity), texture: None };
+        let mut mesh = square(wall.clone());
+        mesh.primitives.push(Primitive {
+            material: red,
+            primitive_to_mesh: DAffine3::from_scale_rotation_translation(
+                DVec3::splat(0.5),
+                DQuat::IDENTITY,
+                DVec3::Y * away,
+            ),
+            ..primitives::plane(1)
+        });
+        let cloud = surfels(&mesh, 5000);
+        let opacities = surface(&cloud).opacities.expect("some are clear");
+        for (color, found) in cloud.splats().colors.iter().zip(&opacities) {
+            let is_wall = *color == [1.0; 3] && *found == 1.0;
+            let is_sheet = (found - opacity).abs() < 1e-6;
+            assert!(is_wall || is_sheet, "{color:?}, {found}");
+        }
+        let pose = Pose::look_at(DVec3::Y * 5.0, DVec3::ZERO, DVec3::Z).unwrap();
+        let camera = Camera::orthographic(pose, 3.0, [48; 2]).unwrap();
+        let scene = Scene { clouds: vec![cloud], lights: Vec::new() };
+        let settings = RenderSettings { shade: false, ..RenderSettings::default() };
+        let frame = render(&scene, &camera, &settings, &()).unwrap();
+        for (pixel, color) in frame.color.iter().enumerate() {
+            let [x, y] = [pixel % 48, pixel / 48].map(|at| (at as f32 + 0.5 - 24.0) / 16.0);
+            let from_middle = x.abs().max(y.abs());
+            if from_middle < 0.9 {
+                // Where the sheet ends, as much of it as a single sheet may cover too much, 7 %, counts beside the wall.
+                let least = if (from_middle - 0.5).abs() < 0.1 { 0.93 } else { 0.999 };
+                assert!(color[3] > least, "{opacity} at {away}: {color:?} at {x}, {y}");
+                assert!(opacity > 0.0 || color[1] > least, "{opacity} at {away}: {color:?} at {x}, {y}");
+            }
+        }
     }
 }

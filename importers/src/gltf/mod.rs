@@ -17,7 +17,7 @@
 //! ones, for which harmonics above degree 0 are refused. Opacities are those of the original training
 //! ([`OpacityFilter::Classic`](oblate_engine::OpacityFilter)): the extension has no word for others.
 //!
-//! What is neither (lights, cameras, animations) is noted. What a file unpacks to, images and many uses of one mesh
+//! What is neither (lights, cameras, animations, emission) is noted. What a file unpacks to, images and many uses of one mesh
 //! included, is at most [`OpenOptions::max_memory`].
 
 mod accessor;
@@ -31,7 +31,7 @@ mod primitive;
 mod splats;
 mod support;
 
-use crate::file::File;
+use crate::file::{File, quoted, unmarked};
 use crate::meshes::geometry::mesh;
 use crate::{Content, ImportError, Note, OpenOptions, Opened, Place};
 use ::gltf::json::{self, Root};
@@ -49,20 +49,17 @@ const MORPHED: &str = "has morph weights other than 0, which are not supported; 
 pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportError> {
     let (json, binary) =
         if file.bytes.starts_with(b"glTF") { glb::chunks(file)? } else { (&file.bytes[..], None) };
-    let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
+    let json = unmarked(json);
     let budget = Budget::new(options.max_memory);
     budget.take_json(file, json)?;
     let root: Root = from_json(file, json)?;
-    if !root.asset.version.starts_with("2.") {
-        let feature = format!("glTF {}; version 2 is supported", root.asset.version);
-        return Err(file.unsupported(Place::Part("asset".into()), feature));
-    }
+    check_version(file, &root)?;
     support::check_required(file, &root)?;
     let buffers = Buffers::new(file, &root, binary, &budget);
     let placed = nodes::placed_meshes(file, &root)?;
     let accessors = Accessors { file, root: &root, buffers: &buffers };
     if let Some(mut opened) = splats::read(&accessors, json, &placed)? {
-        opened.notes.extend(support::left_out(&root, 0));
+        opened.notes.extend(support::left_out(&root, (0, 0)));
         return Ok(opened);
     }
     let mut reader = Reader { accessors, materials: &mut Materials::new(file, &root), skipped: 0 };
@@ -70,9 +67,31 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportE
     for (mesh, node_to_mesh) in placed {
         primitives.extend(reader.mesh(mesh, node_to_mesh)?);
     }
-    let skipped = reader.skipped;
-    let notes: Vec<Note> = support::left_out(&root, skipped);
+    let left_out = (reader.skipped, reader.materials.emissive.len());
+    let notes: Vec<Note> = support::left_out(&root, left_out);
     Ok(Opened::noting(Content::Mesh(mesh(file, primitives)?), notes))
+}
+
+/// Refuses versions other than 2, and files that need a later one than 2.0 by their `minVersion`.
+fn check_version(file: &File, root: &Root) -> Result<(), ImportError> {
+    let place = || Place::Part("asset".into());
+    let version = &root.asset.version;
+    if !version.starts_with("2.") {
+        return Err(file.unsupported(place(), format!("glTF {version}; version 2 is supported")));
+    }
+    let Some(least) = &root.asset.min_version else { return Ok(()) };
+    let number = |text: &str| text.parse::<u32>().ok();
+    match least.split_once('.').map(|(major, minor)| (number(major), number(minor))) {
+        Some((Some(major), Some(minor))) if (major, minor) <= (2, 0) => Ok(()),
+        Some((Some(major), Some(minor))) => {
+            let feature = format!("needs glTF {major}.{minor} (minVersion); version 2.0 is supported");
+            Err(file.unsupported(place(), feature))
+        }
+        _ => {
+            let problem = format!("minVersion {} must be two numbers, such as 2.0", quoted(least));
+            Err(file.malformed(place(), problem))
+        }
+    }
 }
 
 fn from_json<'a, T: serde::Deserialize<'a>>(file: &File, json: &'a [u8]) -> Result<T, ImportError> {

@@ -3,6 +3,7 @@
 use super::accessor::{Accessors, Column, Integers};
 use super::from_json;
 use crate::file::File;
+use crate::scalar::Scalar;
 use crate::splats::{ROWS, Sink, Trained, Training, Turn, color, gather, half_axes, log_scale, of_half_axes};
 use crate::{ImportError, Note, Opened, Place};
 use ::gltf::json::mesh::{Mode, Primitive};
@@ -15,6 +16,14 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 
 const NAME: &str = "KHR_gaussian_splatting";
+
+/// What rounding can leave of a half-axis of length 0, in shares of the largest entry of a node's map times the longest σ.
+///
+/// The product of map, rotation and σ is off by at most 7u in the Frobenius norm, u being half of an epsilon, in shares of the map's norm
+/// times the longest σ. Each of up to 18 turns of half-axes into each other rounds by at most 2√2 u of the factor's norm, which is up
+/// to √3 of the same: together 95u. The map's norm is at most three times its largest entry: 143 epsilons. The rest is for maps that are
+/// products of several nodes' maps.
+const RESIDUE: f64 = 256.0 * f64::EPSILON;
 
 /// A file's meshes with the names that its attributes have: the crate knows only those without extensions.
 #[derive(Deserialize)]
@@ -56,6 +65,8 @@ enum Color<'a> {
 struct Placement {
     to_world: DAffine3,
     turn: Turn,
+    /// How long a half-axis may be that is none, in shares of the longest σ.
+    residue: f64,
 }
 
 /// The splats of the scene, if there are any.
@@ -72,7 +83,9 @@ pub(super) fn read(
         return Ok(None);
     }
     let named: Named = from_json(file, json)?;
-    let mut reader = Reader { accessors, notes: Vec::new() };
+    let mut names = root.extensions_used.iter().chain(&root.extensions_required);
+    let quantized = names.any(|name| name == "KHR_mesh_quantization");
+    let mut reader = Reader { accessors, quantized, notes: Vec::new() };
     let (mut parts, mut count, mut others) = (Vec::new(), 0, 0);
     for (mesh, to_world) in placed {
         for (number, primitive) in primitives_of(*mesh).iter().enumerate() {
@@ -136,6 +149,8 @@ struct Source<'s> {
 
 struct Reader<'r, 'a> {
     accessors: &'r Accessors<'a>,
+    /// Whether the file has KHR_mesh_quantization.
+    quantized: bool,
     notes: Vec<Note>,
 }
 
@@ -179,10 +194,7 @@ impl<'a> Reader<'_, 'a> {
                            supported; save it with srgb_rec709_display, or without SH_DEGREE_1 and beyond";
             return Err(self.file().unsupported(Place::Part(source.name.into()), feature));
         }
-        let placement = (*to_world != DAffine3::IDENTITY).then(|| Placement {
-            to_world: *to_world,
-            turn: Turn::new(nearest_orthogonal(to_world.matrix3)),
-        });
+        let placement = (*to_world != DAffine3::IDENTITY).then(|| Placement::new(to_world));
         Ok(Part { first_row, center, rotation, scale, opacity, color, harmonics, blend, placement })
     }
 
@@ -228,14 +240,18 @@ impl<'a> Reader<'_, 'a> {
         let own = source.attributes.get(&format!("{NAME}:{name}"));
         let Some(index) = own.or_else(|| source.attributes.get(name)) else { return Ok(None) };
         let integers = match name {
-            "POSITION" | "SCALE" => Integers::AsMarked,
-            _ => Integers::Normalized,
+            "COLOR_0" => Integers::Normalized,
+            _ => Integers::AsMarked,
         };
         let column = self.accessors.column(*index, widths, integers)?;
-        match count.filter(|count| *count != column.count) {
+        let problem = match count.filter(|count| *count != column.count) {
             Some(count) => {
-                let problem =
-                    format!("{name} has {} elements, but there are {count} positions", column.count);
+                Some(format!("{name} has {} elements, but there are {count} positions", column.count))
+            }
+            None => misfit(name, &column, self.quantized),
+        };
+        match problem {
+            Some(problem) => {
                 Err(self.file().malformed(Place::Part(format!("accessor {}", index.value())), problem))
             }
             None => Ok(Some(column)),
@@ -303,6 +319,36 @@ impl<'a> Reader<'_, 'a> {
     }
 }
 
+/// What is wrong with the components of an attribute, if they are none that the extension has for it (for positions and colours: glTF
+/// itself).
+fn misfit(name: &str, column: &Column<'_>, quantized: bool) -> Option<String> {
+    use Scalar::{F32, I8, I16, U8, U16};
+    let (scalar, normalized) = (column.scalar, column.is_normalized());
+    let (fits, expected) = match name {
+        "POSITION" => (
+            quantized && matches!(scalar, I8 | U8 | I16 | U16),
+            "floats, or bytes or shorts where the file has KHR_mesh_quantization",
+        ),
+        "ROTATION" => {
+            (normalized && matches!(scalar, I8 | I16), "floats, or normalized signed bytes or shorts")
+        }
+        "SCALE" => (matches!(scalar, U8 | U16), "floats, or unsigned bytes or shorts"),
+        "OPACITY" | "COLOR_0" => {
+            (normalized && matches!(scalar, U8 | U16), "floats, or normalized unsigned bytes or shorts")
+        }
+        _ => (false, "floats"),
+    };
+    let kind = match scalar {
+        I8 => "signed bytes",
+        U8 => "unsigned bytes",
+        I16 => "signed shorts",
+        U16 => "unsigned shorts",
+        _ => "unsigned ints",
+    };
+    let how = if normalized { "normalized" } else { "unnormalized" };
+    (scalar != F32 && !fits).then(|| format!("{name} has {how} {kind}; it must have {expected}"))
+}
+
 impl Part<'_> {
     fn put(&self, row: usize, sink: &mut Sink<'_>) {
         let number = |column: &Column<'_>, component: usize| column.value(row, component) as f32;
@@ -340,6 +386,12 @@ impl Part<'_> {
 }
 
 impl Placement {
+    fn new(to_world: &DAffine3) -> Self {
+        let linear = to_world.matrix3;
+        let (turn, residue) = (Turn::new(nearest_orthogonal(linear)), RESIDUE * largest(linear));
+        Self { to_world: *to_world, turn, residue }
+    }
+
     /// Moves a record to the world. What is no splat is left as it is, to be rejected.
     fn place(&self, record: &mut Trained, sigmas: [f32; 3]) {
         let center = self.to_world.transform_point3(DVec3::from_array(record.center.map(f64::from)));
@@ -354,7 +406,8 @@ impl Placement {
         {
             let axes = DMat3::from_quat(DQuat::from_vec4(quaternion).normalize());
             let factor = self.to_world.matrix3 * axes * DMat3::from_diagonal(sigmas);
-            (record.log_scales, record.rotation) = of_half_axes(half_axes(factor));
+            let residue = self.residue * sigmas.max_element();
+            (record.log_scales, record.rotation) = of_half_axes(flattened(half_axes(factor), residue));
         }
         self.turn.apply(&mut record.harmonics);
     }
@@ -362,9 +415,12 @@ impl Placement {
 
 /// The orthogonal matrix that is nearest to a linear map: Q of A = Q S.
 ///
-/// Higham, *Computing the Polar Decomposition, with Applications*, 1986: Newton's iteration. Maps without an inverse have no
-/// single one; splats turned flat by them keep their directions' colours.
+/// Higham, *Computing the Polar Decomposition, with Applications*, 1986: Newton's iteration. Maps to a plane have two, of which the one
+/// that doesn't mirror is taken. Maps to a line or a point have many; splats keep their directions' colours.
 fn nearest_orthogonal(linear: DMat3) -> DMat3 {
+    let axes = flattened(half_axes(linear), RESIDUE * largest(linear));
+    let is_flat = [axes.x_axis, axes.y_axis, axes.z_axis].contains(&DVec3::ZERO);
+    let linear = if is_flat { completed(linear) } else { linear };
     let scale = linear.determinant().abs().cbrt();
     let mut q = linear * scale.recip();
     // Doubles the digits each time; the scaled beginning is near unless the map is nearly flat.
@@ -372,4 +428,23 @@ fn nearest_orthogonal(linear: DMat3) -> DMat3 {
         q = (q + q.inverse().transpose()) * 0.5;
     }
     if q.is_finite() { q } else { DMat3::IDENTITY }
+}
+
+/// A map to a plane as one with an inverse and the same nearest rotation: what it takes to nothing goes along the plane's normal.
+fn completed(linear: DMat3) -> DMat3 {
+    let (a, b, c) = (linear.x_axis, linear.y_axis, linear.z_axis);
+    // Of U diag(s, t, 0) Vᵀ they are U diag(0, 0, s t) Vᵀ, of the sign that makes the sum's determinant positive.
+    let cofactors = DMat3::from_cols(b.cross(c), c.cross(a), a.cross(b));
+    linear + cofactors * largest(cofactors).sqrt().recip()
+}
+
+/// Half-axes, of which those are 0 that are not longer than `residue`.
+fn flattened(half_axes: DMat3, residue: f64) -> DMat3 {
+    let kept = |axis: DVec3| if axis.length() <= residue { DVec3::ZERO } else { axis };
+    DMat3::from_cols(kept(half_axes.x_axis), kept(half_axes.y_axis), kept(half_axes.z_axis))
+}
+
+/// The size of a matrix's largest entry.
+fn largest(matrix: DMat3) -> f64 {
+    matrix.to_cols_array().into_iter().fold(0.0, |most: f64, entry| most.max(entry.abs()))
 }

@@ -42,8 +42,9 @@ pub(super) fn check_required(file: &File, root: &Root) -> Result<(), ImportError
     Err(file.unsupported(Place::Part("extensionsRequired".into()), feature))
 }
 
-/// What the file holds and a picture of it doesn't show; `skipped` primitives were no triangles.
-pub(super) fn left_out(root: &Root, skipped: usize) -> Vec<Note> {
+/// What the file holds and a picture of it doesn't show; `skipped` primitives were no triangles, `emissive` materials of what is shown
+/// emit light.
+pub(super) fn left_out(root: &Root, (skipped, emissive): (usize, usize)) -> Vec<Note> {
     let uses = |name: &str| root.extensions_used.iter().any(|used| used == name);
     let instanced = root.nodes.iter().filter(|node| {
         let extensions = node.extensions.as_ref();
@@ -58,6 +59,7 @@ pub(super) fn left_out(root: &Root, skipped: usize) -> Vec<Note> {
         several(root.animations.len(), "animation", "animations"),
         several(root.cameras.len(), "camera", "cameras"),
         uses("KHR_lights_punctual").then(|| "lights".to_owned()),
+        several(emissive, "material", "materials").map(|materials| format!("the emission of {materials}")),
         several(skipped, "primitive of points or lines", "primitives of points or lines"),
         several(instanced.count(), "mesh", "meshes")
             .map(|meshes| format!("instances of {meshes} (EXT_mesh_gpu_instancing), shown once")),

@@ -1,15 +1,15 @@
 //! MTL: the materials of an OBJ file.
 //!
 //! Of a material the base colour is read: `Kd`, `d` and `map_Kd`. MTL has no defined colour space; `Kd`
-//! counts as sRGB-encoded like the textures it stands beside. A map replaces `Kd`, since many writers leave
-//! 0.8 or 0 there. `Tr` is not read: some writers mean 1 - d by it, others d. Where it is neither 0 nor 1, and there is no `d`, that is
-//! noted.
+//! counts as sRGB-encoded like the textures it stands beside. Both are multiplied, in linear light, as the specification says. A
+//! `Kd` of zeros beside a map counts as white, since many writers leave it there; that is noted. `Tr` is not read: some writers mean
+//! 1 - d by it, others d. Where it is neither 0 nor 1, and there is no `d`, that is noted.
 
 use crate::file::File;
 use crate::meshes::geometry::decoded;
 use crate::meshes::texture;
 use crate::{ImportError, Note, Place};
-use glam::Vec4;
+use glam::{Vec3, Vec4};
 use oblate_surfels::{BaseColor, Texture, Wrap};
 use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
@@ -18,6 +18,9 @@ use std::sync::Arc;
 /// What is said where an opacity is given in a way that has two meanings.
 const AMBIGUOUS: &str =
     "Tr of materials without d: some programs mean 1 - d by it, others d; it counts as opaque";
+
+/// What is said where nothing would be seen of a map.
+const BLACK: &str = "white for Kd 0 0 0 of materials with map_Kd, by which the map would be black";
 
 /// Materials by name, each image read once.
 #[derive(Default)]
@@ -34,7 +37,7 @@ impl Library {
         let mut name: Option<String> = None;
         // Materials that have an opacity, and those that have something that may be one.
         let (mut said, mut perhaps) = (HashSet::new(), HashSet::new());
-        for (index, line) in file.bytes.split(|&b| b == b'\n').enumerate() {
+        for (index, line) in file.text().split(|&b| b == b'\n').enumerate() {
             let text = String::from_utf8_lossy(line);
             let text = text.trim();
             let (word, rest) = text.split_once(|c: char| c.is_whitespace()).unwrap_or((text, ""));
@@ -54,7 +57,7 @@ impl Library {
                 return Err(file.malformed(place, format!("{word} before any newmtl")));
             };
             match word {
-                "Kd" if material.texture.is_none() => {
+                "Kd" => {
                     let [r, g, b] = color(rest).map_err(|problem| file.malformed(place, problem))?;
                     let [r, g, b, _] = decoded([r, g, b, 1.0]);
                     material.factor = Vec4::new(r, g, b, material.factor.w);
@@ -75,17 +78,37 @@ impl Library {
                         None => texture::read_named(file, place, &image, wrap)?,
                     };
                     self.textures.insert(key, Arc::clone(&texture));
-                    material.factor = Vec4::ONE.with_w(material.factor.w);
                     material.texture = Some(texture);
                 }
                 _ => {}
             }
         }
-        let note = Note::LeftOut(AMBIGUOUS.into());
-        if !perhaps.is_subset(&said) && !self.notes.contains(&note) {
+        if !perhaps.is_subset(&said) {
+            self.note(Note::LeftOut(AMBIGUOUS.into()));
+        }
+        self.show_maps();
+        Ok(())
+    }
+
+    /// Makes a `Kd` of zeros beside a map white.
+    fn show_maps(&mut self) {
+        let hidden =
+            |color: &&mut BaseColor| color.texture.is_some() && color.factor.truncate() == Vec3::ZERO;
+        let mut any = false;
+        for color in self.materials.values_mut().filter(hidden) {
+            color.factor = Vec4::ONE.with_w(color.factor.w);
+            any = true;
+        }
+        if any {
+            self.note(Note::Assumed(BLACK.into()));
+        }
+    }
+
+    /// What is said once, whichever file it is of.
+    fn note(&mut self, note: Note) {
+        if !self.notes.contains(&note) {
             self.notes.push(note);
         }
-        Ok(())
     }
 }
 

@@ -24,14 +24,14 @@ use std::mem::take;
 pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportError> {
     let mut scene = Reader::new(file);
     // Libraries first: materials may be used before the line that names their library.
-    for (number, line) in logical_lines(&file.bytes) {
+    for (number, line) in logical_lines(file.text()) {
         if let Some(names) =
             line.strip_prefix("mtllib").filter(|names| names.starts_with(char::is_whitespace))
         {
             scene.material_library(Place::Line(number), names.trim())?;
         }
     }
-    for (number, line) in logical_lines(&file.bytes) {
+    for (number, line) in logical_lines(file.text()) {
         scene.line(number, line)?;
     }
     let notes = scene.library.as_mut().map(|library| take(&mut library.notes)).unwrap_or_default();

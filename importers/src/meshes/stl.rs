@@ -11,7 +11,7 @@
 //! are the file's: the format names none. Each facet has corners of its own; samplers find shared ones by their place.
 
 use super::geometry::{first_not_finite, mesh};
-use crate::file::{File, quoted};
+use crate::file::{File, quoted, unmarked};
 use crate::scalar::numbers;
 use crate::{Content, Endian, ImportError, Note, Opened, Place};
 use glam::{DAffine3, Vec3};
@@ -47,7 +47,7 @@ pub(crate) fn read(file: &File) -> Result<Opened, ImportError> {
 }
 
 fn is_text(bytes: &[u8]) -> bool {
-    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
+    let text = unmarked(bytes).trim_ascii_start();
     let word = text.get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
     word && text.get(5).is_none_or(u8::is_ascii_whitespace) && !text[..text.len().min(1024)].contains(&0)
 }
@@ -117,11 +117,10 @@ impl Facets {
     }
 
     fn read_text(&mut self, file: &File) -> Result<(), ImportError> {
-        let bytes = file.bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&file.bytes);
         // The normal and the corners of a facet that has begun.
         let mut open: Option<(Vec3, Vec<Vec3>)> = None;
         let mut in_solid = false;
-        for (line, text) in (1..).zip(bytes.split(|byte| *byte == b'\n')) {
+        for (line, text) in (1..).zip(file.text().split(|byte| *byte == b'\n')) {
             let malformed = |problem: String| file.malformed(Place::Line(line), problem);
             let text = String::from_utf8_lossy(text);
             let mut words = text.split_ascii_whitespace();

@@ -1,11 +1,12 @@
 //! The rows of a PLY file, gathered into columns by name.
 
+use super::behind_rows;
 use super::header::{Element, Encoding, Header, Kind};
 use super::table::too_short;
 use crate::Endian;
 use crate::file::{File, quoted};
 use crate::scalar::{FromF64, Scalar};
-use crate::{ImportError, Place};
+use crate::{ImportError, Note, Place};
 
 /// The values of one property in all rows of its element.
 #[derive(Clone, Debug)]
@@ -111,6 +112,15 @@ impl<'a> Body<'a> {
             each(record);
         }
         Ok(())
+    }
+
+    /// What is said of bytes behind the last row that was read; in text white space doesn't count.
+    pub(crate) fn rest(&self) -> Option<Note> {
+        let rest = match self.encoding {
+            Encoding::Ascii => self.file.bytes[self.row_end..].trim_ascii(),
+            Encoding::Binary(_) => &self.file.bytes[self.at..],
+        };
+        behind_rows(rest.len())
     }
 
     fn read<T: FromF64>(&mut self, kind: Kind, column: Option<&mut Column<T>>) -> Result<(), ImportError> {

@@ -71,6 +71,17 @@ impl Header {
         self.elements.iter().find(|element| element.name == name)
     }
 
+    /// Where the last row ends, where that can be told without reading rows: in binary files without lists.
+    pub(crate) fn end(&self) -> Option<usize> {
+        if self.encoding == Encoding::Ascii {
+            return None;
+        }
+        let mut with_rows = self.elements.iter().filter(|element| element.rows > 0);
+        with_rows.try_fold(self.body.0, |start, element| {
+            start.checked_add(element.rows.checked_mul(element.row_size()?)?)
+        })
+    }
+
     pub(crate) fn parse(file: &File) -> Result<Self, ImportError> {
         let mut encoding = None;
         let mut header =

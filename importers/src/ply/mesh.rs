@@ -6,12 +6,12 @@ use crate::file::File;
 use crate::meshes::geometry::{decoded, fan, first_not_finite, mesh, near_zero};
 use crate::meshes::texture;
 use crate::scalar::Scalar;
-use crate::{ImportError, OpenOptions, Place};
+use crate::{Content, ImportError, OpenOptions, Opened, Place};
 use glam::{DAffine3, DVec3, Vec2, Vec3, Vec4};
-use oblate_surfels::{BaseColor, Mesh, Primitive, Wrap};
+use oblate_surfels::{BaseColor, Primitive, Wrap};
 
 /// Reads a mesh.
-pub(super) fn read(file: &File, header: &Header, options: &OpenOptions) -> Result<Mesh, ImportError> {
+pub(super) fn read(file: &File, header: &Header, options: &OpenOptions) -> Result<Opened, ImportError> {
     let mut body = Body::new(file, header);
     let mut vertices = None;
     let mut faces = None;
@@ -63,7 +63,8 @@ pub(super) fn read(file: &File, header: &Header, options: &OpenOptions) -> Resul
         double_sided: true,
         primitive_to_mesh: vertices.to_mesh,
     };
-    mesh(file, vec![primitive])
+    let notes = body.rest().into_iter().collect();
+    Ok(Opened::noting(Content::Mesh(mesh(file, vec![primitive])?), notes))
 }
 
 /// What each vertex has.

@@ -64,6 +64,9 @@
 //! - `intensity`, `scalar_Intensity` or `scalar_intensity`, else the first property whose name begins with `scalar_`.
 //!
 //! See [`crate::points`]. What other elements with rows the file has is noted.
+//!
+//! Bytes behind the last row are noted where they are met: not with splats and surfels in text, nor in text where other rows follow
+//! points.
 
 mod body;
 mod header;
@@ -77,24 +80,36 @@ pub(crate) mod surfels;
 mod table;
 
 use crate::source::Source;
-use crate::{ImportError, OpenOptions, Opened};
+use crate::{ImportError, Note, OpenOptions, Opened};
 use header::Header;
 
 /// Reads a mesh, points or splats.
 pub(crate) fn read(source: Source, options: &OpenOptions) -> Result<Opened, ImportError> {
     let header = Header::parse(&source.head)?;
+    let rest = header.end().and_then(|end| source.size.checked_sub(end));
+    let mut opened = read_rows(source, &header, options)?;
+    opened.notes.extend(behind_rows(rest.unwrap_or(0)));
+    Ok(opened)
+}
+
+/// What is said of so many bytes behind the last row.
+fn behind_rows(count: usize) -> Option<Note> {
+    (count > 0).then(|| Note::LeftOut(format!("{count} bytes behind the last row that is declared")))
+}
+
+fn read_rows(source: Source, header: &Header, options: &OpenOptions) -> Result<Opened, ImportError> {
     let has_faces = header.element("face").is_some_and(|faces| faces.rows > 0);
     let vertex = header.element("vertex").filter(|_| !has_faces);
     let has = |name: &&str| vertex.is_some_and(|vertex| vertex.kind(name).is_some());
-    if surfels::is_ours(&header) {
-        return surfels::read(&source.into_file()?, &header);
+    if surfels::is_ours(header) {
+        return surfels::read(&source.into_file()?, header);
     }
     match vertex {
-        Some(vertex) if has(&"packed_position") => packed::read(&source, &header, vertex, options),
+        Some(vertex) if has(&"packed_position") => packed::read(&source, header, vertex, options),
         Some(vertex) if ["f_dc_0", "scale_0", "rot_0"].iter().any(has) => {
-            splats::read(source, &header, vertex)
+            splats::read(source, header, vertex)
         }
-        Some(vertex) => points::read(&source.into_file()?, &header, vertex),
-        None => mesh::read(&source.into_file()?, &header, options).map(Opened::from),
+        Some(vertex) => points::read(&source.into_file()?, header, vertex),
+        None => mesh::read(&source.into_file()?, header, options),
     }
 }

@@ -87,6 +87,11 @@ pub(super) fn read(file: &File, header: &Header, element: &Element) -> Result<Op
             radius: record[RADIUS] as f32,
         });
     })?;
+    let last = header.elements.iter().rfind(|other| other.rows > 0);
+    // Where the header says it, that was compared with the file's size.
+    if header.end().is_none() && last.is_some_and(|last| last.name == element.name) {
+        gather.notes.extend(body.rest());
+    }
     gather.decode_colors(Some(white.unwrap_or(1.0) as f32));
     for other in header.elements.iter().filter(|other| other.name != element.name && other.rows > 0) {
         gather.notes.push(Note::LeftOut(format!("{} rows of element {}", other.rows, quoted(&other.name))));

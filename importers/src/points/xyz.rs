@@ -26,7 +26,7 @@ const COLUMNS: usize = 9;
 
 /// Reads points.
 pub(crate) fn read(file: &File) -> Result<Opened, ImportError> {
-    let text = file.bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&file.bytes);
+    let text = file.text();
     let mut rows = Rows { file, lines: text.split(|&b| b == b'\n').enumerate() };
     let mut declared = None;
     let Some((mut line, mut first)) = rows.data(true)? else {

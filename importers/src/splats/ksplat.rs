@@ -123,6 +123,9 @@ pub(crate) fn read(file: &File) -> Result<Opened, ImportError> {
         let what = format!("{} of {room} places for splats, which are not filled", room - count);
         opened.notes.push(Note::LeftOut(what));
     }
+    if !rest.is_empty() {
+        opened.notes.push(Note::LeftOut(format!("{} bytes behind the last section", rest.len())));
+    }
     Ok(opened)
 }
 

@@ -11,7 +11,7 @@
 //! nothing. `HeaderSize` counts from the beginning of the file that holds the samples; -1 means its last bytes.
 //! `ElementToIntensityFunction…` is not applied, as in ITK, and said.
 
-use crate::file::File;
+use crate::file::{File, unmarked};
 use crate::inflate;
 use crate::scalar::Scalar;
 use crate::volumes::frame;
@@ -39,7 +39,7 @@ struct Header<'a> {
 
 /// Whether a file that begins with `bytes` is a MetaImage: its header has no fixed beginning, but only these are usual.
 pub(crate) fn begins(bytes: &[u8]) -> bool {
-    let head = &bytes[..bytes.len().min(1024)];
+    let head = unmarked(&bytes[..bytes.len().min(1024)]);
     ["ObjectType", "NDims", "Comment"].iter().any(|field| head.starts_with(field.as_bytes()))
         && head.windows(5).any(|word| word == b"NDims")
 }
@@ -79,7 +79,8 @@ impl<'a> Header<'a> {
                 let problem = format!("a header line must be text of at most {LINE} bytes");
                 return Err(file.malformed(Place::Line(number), problem));
             };
-            let text = text.trim();
+            // A mark of UTF-8 is no part of the first field's name.
+            let text = text.strip_prefix('\u{feff}').filter(|_| index == 0).unwrap_or(text).trim();
             if text.is_empty() {
                 continue;
             }

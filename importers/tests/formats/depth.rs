@@ -454,6 +454,8 @@ fn poses_of_every_format() {
     }
     assert_eq!(trajectory[1].pose.world_to_camera.matrix3, DMat3::IDENTITY);
     let twice = "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\n1 0 0 5\r\n0 1 0 0\r\n0 0 1 0\r\n0 0 0 1\r\n";
+    assert_eq!(poses(&format!("\u{feff}# a mark\n{twice}")).unwrap(), poses(twice).unwrap());
+    assert_eq!(poses(&format!("\u{feff}{twice}")).unwrap(), poses(twice).unwrap());
     let twice = poses(twice).unwrap();
     assert_eq!((twice.len(), twice[1].pose.world_to_camera.translation.x), (2, -5.0));
 }
@@ -507,6 +509,8 @@ fn intrinsics_of_open3d() {
     let read = |text: &str| read_intrinsics(Folder::new().write("camera.json", text));
     let (size, found) = read(&camera("525, 0, 0, 0, 520, 0, 319.5, 239.5, 1")).unwrap();
     assert_eq!((size, found.focal, found.center), ([640, 480], dvec2(525.0, 520.0), dvec2(320.0, 240.0)));
+    let marked = format!("\u{feff}{}", camera("525, 0, 0, 0, 520, 0, 319.5, 239.5, 1"));
+    assert_eq!(read(&marked).unwrap(), (size, found));
     refused(read(&camera("525,0,319.5,0,525,239.5,0,0,1")), &["intrinsic_matrix", "column by column"]);
     refused(read(&camera("525,0,0,2,525,0,1,1,1")), &["skew is 2"]);
     refused(read(&camera("525,0,0,0,-525,0,1,1,1")), &["above 0"]);

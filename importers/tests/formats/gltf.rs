@@ -326,6 +326,15 @@ fn what_is_not_shown_is_noted_once() {
     let notes = |pairs: &[(&str, &str)]| folder.open("a.glb", changed(pairs)).unwrap().notes;
     assert_eq!(notes(&[]), [Note::LeftOut("1 primitive of points or lines".into())]);
     assert_eq!(notes(&[(", {\"attributes\": {\"POSITION\": 0}, \"mode\": 0}", "")]), []);
+    let emissive = |factor: &str| format!("\"emissiveFactor\": {factor}, \"alphaMode\"");
+    assert_eq!(notes(&[("\"alphaMode\"", &emissive("[0, 0, 0]"))]), notes(&[]));
+    assert_eq!(
+        notes(&[("\"alphaMode\"", &emissive("[0, 0.5, 0]"))]),
+        [Note::LeftOut("the emission of 1 material, 1 primitive of points or lines".into())]
+    );
+    // Of materials that nothing has nothing is said.
+    let emission = emissive("[0, 0.5, 0]");
+    assert_eq!(notes(&[("\"alphaMode\"", &emission), ("\"material\": 0, ", "")]), notes(&[]));
     let more = r#""cameras": [{"type": "perspective", "perspective": {"yfov": 1, "znear": 1}},
         {"type": "perspective", "perspective": {"yfov": 1, "znear": 1}}],
         "animations": [{"channels": [], "samplers": []}], "extensionsUsed": ["KHR_lights_punctual"], "asset""#;
@@ -437,6 +446,17 @@ fn what_is_wrong_is_said() {
     refuse("\"asset\"", &instances, &["EXT_mesh_gpu_instancing", "not supported"]);
     refuse("\"asset\"", required, &["KHR_draco_mesh_compression", "not supported", "save it without Draco"]);
     refuse("\"2.0\"", "\"1.0\"", &["version 2"]);
+    for (least, parts) in [
+        ("2.1", &["asset", "needs glTF 2.1 (minVersion)", "version 2.0 is supported"][..]),
+        ("3.0", &["asset", "needs glTF 3.0 (minVersion)", "version 2.0 is supported"][..]),
+        ("2", &["asset", "minVersion \"2\" must be two numbers"][..]),
+    ] {
+        refuse("\"2.0\"", &format!("\"2.0\", \"minVersion\": \"{least}\""), parts);
+    }
+    for least in ["2.0", "1.1"] {
+        let older = changed(&[("\"2.0\"", &format!("\"2.0\", \"minVersion\": \"{least}\""))]);
+        assert_eq!(folder.mesh("a.glb", older), folder.mesh("a.glb", example_glb()));
+    }
     refuse("\"mesh\": 0, \"rot", "\"mesh\": 5, \"rot", &["mesh 5", "not there"]);
     refuse("\"mesh\": 0, \"rot", "\"skin\": 0, \"mesh\": 0, \"rot", &["node 1", "skin"]);
     refuse("\"mesh\": 0, \"rot", "\"weights\": [1], \"mesh\": 0, \"rot", &["node 1", "morph"]);

@@ -176,6 +176,110 @@ fn stretched_nodes_stretch_covariances() {
     }
 }
 
+/// Nodes that take space to a plane or a line, by themselves or by their parent.
+#[test]
+fn maps_without_an_inverse_make_flat_splats() {
+    let plain = read(&[]);
+    let rotation = DQuat::from_xyzw(0.1, 0.2, 0.3, 0.9).normalize();
+    let DQuat { x, y, z, w } = rotation;
+    let turn = format!(r#""rotation":[{x},{y},{z},{w}]"#);
+    let turned = read(&[(NODE, &format!(r#"{{"mesh":0,{turn}}}"#))]);
+    // What rounding leaves of 0 would be far below e⁻⁴⁰ with these.
+    for (scale, zeros) in [(DVec3::new(1e-4, 2e-4, 0.0), 1), (DVec3::new(0.0, 2e-4, 0.0), 2)] {
+        let stretch = format!(r#""scale":[{},{},{}]"#, scale.x, scale.y, scale.z);
+        let (rotate, stretched) = (DMat3::from_quat(rotation), DMat3::from_diagonal(scale));
+        let own = format!(r#"{{"mesh":0,{turn},{stretch}}}"#);
+        let of_parent = format!(r#"{{"mesh":0,{turn}}},{{"children":[0],{stretch}}}"#);
+        for (node, matrix) in [(own, rotate * stretched), (of_parent, stretched * rotate)] {
+            assert_eq!(opened(&[(NODE, &node)]).notes, []);
+            let found = read(&[(NODE, &node)]);
+            assert_eq!(found.len(), 2);
+            for ((found, plain), turned) in found.iter().zip(&plain).zip(&turned) {
+                let factor = found.shapes.factor(0);
+                let axes = [factor.x_axis, factor.y_axis, factor.z_axis];
+                assert_eq!(axes.iter().filter(|axis| **axis == Vec3::ZERO).count(), zeros, "{factor}");
+                let wanted = matrix * covariance(plain) * matrix.transpose();
+                // Of single precision are the node, the half-axes before and after, and these twice.
+                let largest =
+                    wanted.to_cols_array().iter().fold(0.0, |most: f64, entry| most.max(entry.abs()));
+                assert!(covariance(found).abs_diff_eq(wanted, 4e-6 * largest), "{factor} {wanted}");
+                // A plane that is turned turns its splats' colours.
+                if zeros == 1 {
+                    let (found, turned) =
+                        (found.harmonics.as_ref().unwrap(), turned.harmonics.as_ref().unwrap());
+                    let pairs =
+                        found.coefficients.as_flattened().iter().zip(turned.coefficients.as_flattened());
+                    pairs.for_each(|(found, turned)| {
+                        assert!((found - turned).abs() < 1e-6, "{found} {turned}")
+                    });
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn component_types_are_those_of_the_extension() {
+    let folder = Folder::new();
+    let refuse =
+        |from: &str, to: &str, parts: &[&str]| drop(folder.refused("a.glb", changed(&[(from, to)]), parts));
+    let rotation = r#""componentType":5120,"count":2,"type":"VEC4","normalized":true"#;
+    let must = "it must have floats, or normalized signed bytes or shorts";
+    refuse(
+        rotation,
+        &rotation.replace("5120", "5121"),
+        &["accessor 1: ROTATION has normalized unsigned bytes", must],
+    );
+    let unnormalized = rotation.replace("true", "false");
+    refuse(rotation, &unnormalized, &["accessor 1: ROTATION has unnormalized signed bytes", must]);
+    let scale = r#""bufferView":2,"componentType":5121"#;
+    let must = "it must have floats, or unsigned bytes or shorts";
+    refuse(scale, &scale.replace("5121", "5120"), &["accessor 2: SCALE has unnormalized signed bytes", must]);
+    let opacity = r#""componentType":5123,"count":2,"type":"SCALAR","normalized":true"#;
+    let must = "it must have floats, or normalized unsigned bytes or shorts";
+    refuse(
+        opacity,
+        &opacity.replace("5123", "5122"),
+        &["accessor 3: OPACITY has normalized signed shorts", must],
+    );
+    let unnormalized = opacity.replace("true", "false");
+    refuse(opacity, &unnormalized, &["accessor 3: OPACITY has unnormalized unsigned shorts", must]);
+    for (accessor, name) in [(4, "SH_DEGREE_0_COEF_0"), (6, "SH_DEGREE_1_COEF_1")] {
+        let floats = format!(r#""bufferView":{accessor},"componentType":5126"#);
+        let said =
+            format!("accessor {accessor}: {name} has unnormalized unsigned shorts; it must have floats");
+        refuse(&floats, &floats.replace("5126", "5123"), &[&said]);
+    }
+    // Positions of glTF are floats; an extension has more.
+    let position = r#""bufferView":0,"componentType":5126"#;
+    let must = "it must have floats, or bytes or shorts where the file has KHR_mesh_quantization";
+    let shorts = position.replace("5126", "5123");
+    refuse(position, &shorts, &["accessor 0: POSITION has unnormalized unsigned shorts", must]);
+    let names = r#""extensionsUsed":["KHR_gaussian_splatting""#;
+    let more = format!(r#"{names},"KHR_mesh_quantization""#);
+    let ints = changed(&[(position, &position.replace("5126", "5125")), (names, &more)]);
+    folder.refused("a.glb", ints, &["accessor 0: POSITION has unnormalized unsigned ints", must]);
+    // 1.0 as two shorts of which the first is 0 (16256 is the other), 2.0 as well (16384).
+    let positions = splats(Ok(opened(&[(position, &shorts), (names, &more)]))).centers;
+    let mut positions = positions.iter().map(|center| center.to_array()).collect::<Vec<_>>();
+    positions.sort_by(|a, b| a[1].total_cmp(&b[1]));
+    assert_eq!(positions, [[16384.0, 0.0, 16448.0], [0.0, 16256.0, 0.0]]);
+    // All types that it has.
+    let turns = r#""bufferView":7,"componentType":5122,"count":2,"type":"VEC4","normalized":true"#;
+    let first = r#""bufferView":1,"#.to_owned() + rotation;
+    assert_eq!(opened(&[(&first, turns)]).notes, []);
+    let shares = opened(&[(scale, &format!(r#"{scale},"normalized":true"#))]);
+    let found = splats(Ok(shares)).shapes;
+    let longest =
+        [0, 1].map(|index| found.factor(index).to_cols_array().iter().fold(0.0, |a: f32, b| a.max(b.abs())));
+    assert!(longest.iter().any(|longest| (longest * 255.0 - 4.0).abs() < 1e-5), "{longest:?}");
+    let opacities = opened(&[(opacity, &opacity.replace("5123", "5121"))]);
+    let Strength::Opacity { peaks, .. } = splats(Ok(opacities)).strength else {
+        panic!("opacities are expected")
+    };
+    assert_eq!(peaks, [1.0, 1.0]);
+}
+
 #[test]
 fn nodes_and_degrees_come_together() {
     let both = r#"{"mesh":0},{"mesh":0,"translation":[10,0,0]}"#;

@@ -111,13 +111,14 @@ fn sorted(splats: &Splats) -> Vec<Vec3> {
 fn splats_of_all_levels() {
     let folder = Folder::new();
     let plain = file(0, [0.0; 2], &[unpacked(0, vec![plain([1.0, 2.0, 3.0], &[])])]);
-    let packed =
-        file(1, [0.0; 2], &[Section { count: 1, room: 1, full: 0, partial: vec![1], ..bucketed(0, &[]) }]);
+    let one = vec![packed([1000; 3], &[])];
+    let section = Section { count: 1, room: 1, full: 0, partial: vec![1], splats: one, ..bucketed(0, &[]) };
+    let packed = file(1, [0.0; 2], &[section]);
     for (file, center) in [(plain, Vec3::new(1.0, 2.0, 3.0)), (packed, Vec3::new(10.0, 0.0, 0.0))] {
-        let mut file = file;
-        // What is behind the splats doesn't matter.
-        file.push(0);
-        let splats = splats(folder.open("a.ksplat", file));
+        assert_eq!(folder.open("a.ksplat", &file).unwrap().notes, []);
+        let opened = folder.open("a.ksplat", [&file[..], &[0; 3]].concat()).unwrap();
+        assert_eq!(opened.notes, [Note::LeftOut("3 bytes behind the last section".into())]);
+        let splats = splats(Ok(opened));
         assert_eq!(splats.centers, [center]);
         // x goes to y, y to −x; halves have 11 bits.
         let expected = Mat3::from_cols(Vec3::Y * 2.0, Vec3::NEG_X, Vec3::Z * 0.5);

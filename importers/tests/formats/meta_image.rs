@@ -217,6 +217,11 @@ fn what_is_wrong_is_said() {
     refuse("LOCAL", "nowhere.raw", &["line 8", "nowhere.raw", "cannot be read"]);
     refuse("ElementDataFile = LOCAL", "", &["line 9", "Field = value"]);
     refuse("ElementDataFile = LOCAL", &"\u{1}".repeat(5000), &["line 8", "text of at most 4096 bytes"]);
+    // A mark of UTF-8 hides no field.
+    let mark = "\u{feff}".as_bytes();
+    assert_corner_marked(&folder.volume("told by what it holds", [mark, &local("")].concat()));
+    let scene = String::from_utf8(local("")).unwrap().replace("= Image", "= Scene");
+    folder.refused("a.mha", format!("\u{feff}{scene}"), &["line 1", "ObjectType \"Scene\""]);
     folder.refused("a.mha", "NDims = 3\n", &["lacks ElementDataFile"]);
     let fields: String = (0..150_000).map(|i| format!("f{i} = 1\n")).collect();
     folder.refused("a.mha", header(&fields, "LOCAL"), &["header has more than 1048576 bytes"]);

@@ -1,6 +1,7 @@
 use crate::common::{Folder, TEXELS, mesh, png, refused, tiny_png};
 use glam::{DAffine3, Vec2, Vec3, Vec4};
-use oblate_importers::OpenOptions;
+use oblate_engine::color::srgb_to_linear;
+use oblate_importers::{Note, OpenOptions};
 use oblate_surfels::{BaseColor, Wrap};
 
 #[test]
@@ -59,7 +60,7 @@ fn materials() {
     assert_eq!(red.triangles.len(), 2);
     // Kd counts as sRGB-encoded.
     assert!((red.material.factor - Vec4::new(1.0, 0.0, 0.2140, 0.25)).abs().max_element() < 1e-4);
-    // A map replaces Kd, even a black one.
+    // Beside a map a black Kd counts as white.
     assert_eq!(skin.material.factor, Vec4::ONE);
     let texture = skin.material.texture.as_ref().unwrap();
     assert_eq!((texture.width, texture.height, texture.wrap), (2, 2, [Wrap::Clamp; 2]));
@@ -78,6 +79,57 @@ fn materials() {
     folder.write("a.png", tiny_png());
     let widths = folder.mesh("a.obj", two).primitives.into_iter().map(|p| p.material.texture.unwrap().width);
     assert_eq!(widths.collect::<Vec<_>>(), [2, 1]);
+}
+
+#[test]
+fn maps_are_multiplied_by_kd() {
+    let folder = Folder::new();
+    folder.write("a.png", png());
+    let read = |materials: &str| {
+        folder.write("a.mtl", materials);
+        let text = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl a\nf 1/1 2/1 3/1\n";
+        let opened = folder.open("a.obj", text).unwrap();
+        let notes = opened.notes.clone();
+        (mesh(Ok(opened)).primitives.remove(0).material, notes)
+    };
+    let half = srgb_to_linear(0.5);
+    let white = "white for Kd 0 0 0 of materials with map_Kd, by which the map would be black";
+    for (kd, factor, said) in [
+        ("Kd 1 0.5 0\n", Vec4::new(1.0, half, 0.0, 0.25), None),
+        ("Kd 0.5\n", Vec4::new(half, half, half, 0.25), None),
+        ("", Vec4::new(1.0, 1.0, 1.0, 0.25), None),
+        ("Kd 0 0 0\n", Vec4::new(1.0, 1.0, 1.0, 0.25), Some(white)),
+    ] {
+        let said: Vec<Note> = said.map(|said| Note::Assumed(said.into())).into_iter().collect();
+        // Whichever comes first, and once for all materials.
+        let first = format!("newmtl b\n{kd}map_Kd a.png\nnewmtl a\nd 0.25\n{kd}map_Kd a.png\n");
+        let last = format!("newmtl a\nmap_Kd a.png\n{kd}d 0.25\n");
+        for materials in [first, last] {
+            let (material, notes) = read(&materials);
+            assert!(material.texture.is_some(), "{materials}");
+            assert_eq!((material.factor, &notes), (factor, &said), "{materials}");
+        }
+    }
+    // Without a map black is black.
+    let (material, notes) = read("newmtl a\nKd 0 0 0\n");
+    assert_eq!((material.factor, notes), (Vec4::W, vec![]));
+}
+
+/// Programs of Windows put it before texts.
+#[test]
+fn a_mark_of_utf_8_hides_nothing() {
+    let folder = Folder::new();
+    folder.write("a.mtl", "\u{feff}newmtl a\nKd 1 0 0\n");
+    let rest = "v 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n";
+    let library_first = format!("\u{feff}mtllib a.mtl\nv 5 0 0\n{rest}");
+    let vertex_first = format!("\u{feff}v 5 0 0\nmtllib a.mtl\n{rest}");
+    for text in [library_first, vertex_first] {
+        for name in ["a.obj", "told by what it holds"] {
+            let primitive = folder.primitive(name, &text);
+            assert_eq!(primitive.positions, [Vec3::X * 5.0, Vec3::X, Vec3::Y], "{text}");
+            assert_eq!(primitive.material.factor, Vec4::new(1.0, 0.0, 0.0, 1.0), "{text}");
+        }
+    }
 }
 
 #[test]

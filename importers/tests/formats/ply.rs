@@ -222,6 +222,7 @@ fn what_is_wrong_is_said() {
     refuse("end_header\n", "", &["line 9"]);
     refuse("format ascii 1.0\n", "", &["no format"]);
     folder.refused("a.ply", "plywood", &["line 1", "begins with"]);
+    folder.refused("a.ply", format!("\u{feff}{TRIANGLE}"), &["line 1", "begins with"]);
     let colored = TRIANGLE
         .replace("float z\n", "float z\nproperty float red\nproperty float green\nproperty float blue\n")
         .replace("0 0 0\n1 0 0\n0 1 0\n", "0 0 0 0 0 0\n1 0 0 0 255 0\n0 1 0 0 0 0\n");
@@ -248,6 +249,32 @@ fn cut_short_anywhere() {
         for length in 0..end {
             refused(folder.open("a.ply", &whole[..length]), "a.ply", &[]);
         }
+    }
+}
+
+#[test]
+fn bytes_behind_the_last_row_are_noted() {
+    let folder = Folder::new();
+    let notes = |file: &[u8], behind: &[u8]| folder.open("a.ply", [file, behind].concat()).unwrap().notes;
+    let behind = |count: usize| Note::LeftOut(format!("{count} bytes behind the last row that is declared"));
+    let binary = "binary_little_endian";
+    let mesh = everything(binary, ["float", "uchar", "uchar", "int"]);
+    assert_eq!(notes(&mesh, &[]), []);
+    assert_eq!(notes(&mesh, &[0, 32]), [behind(2)]);
+    // White space behind text is nothing.
+    assert_eq!(notes(TRIANGLE.as_bytes(), b"\n \n"), []);
+    assert_eq!(notes(TRIANGLE.as_bytes(), b"\n3 2 1 0\n"), [behind(7)]);
+    let camera = || Note::LeftOut("1 rows of element \"camera\"".into());
+    for encoding in ["ascii", "binary_big_endian"] {
+        assert_eq!(notes(&points(encoding), b"123"), [behind(3), camera()]);
+    }
+    let plain = "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+        element face 0\nproperty list uchar int vertex_indices\nend_header\n";
+    assert_eq!(notes(plain.as_bytes(), &[0; 12]), []);
+    assert_eq!(notes(plain.as_bytes(), &[0; 24]), [behind(12)]);
+    for splats in [crate::splats::example(binary), crate::packed::example()] {
+        assert_eq!(notes(&splats, &[]), []);
+        assert_eq!(notes(&splats, &[7]), [behind(1)]);
     }
 }
 

@@ -216,6 +216,9 @@ fn zipped_and_loose_alike() {
     }
     let loose = splats(folder.open("meta.json", &scene.meta));
     assert_eq!(loose, scene.open());
+    let marked = Scene { meta: format!("\u{feff}{}", scene.meta), ..scene.clone() };
+    assert_eq!(splats(folder.open("meta.json", &marked.meta)), loose);
+    assert_eq!(marked.open(), loose);
     let deflated = scene.zip(zip::CompressionMethod::Deflated);
     // Content tells, not the name.
     assert_eq!(splats(folder.open("b", deflated)), loose);

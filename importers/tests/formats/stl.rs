@@ -68,6 +68,7 @@ fn both_encodings_are_the_same_closed_surface() {
         ),
         from_binary
     );
+    assert_eq!(folder.mesh("b", format!("\u{feff}{}", ascii())), from_binary);
     let twice = folder.mesh("b", ascii() + &ascii());
     assert_eq!(twice.primitives[0].triangles.len(), 8);
 }

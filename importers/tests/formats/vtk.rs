@@ -349,6 +349,7 @@ fn what_is_wrong_is_said() {
     for other in ["POLYDATA", "FIELD"] {
         refuse("STRUCTURED_POINTS", other, &["line 4", &format!("DATASET {other};"), "RECTILINEAR_GRID"]);
     }
+    refuse("# vtk DataFile", "\u{feff}# vtk DataFile", &["begins with \"# vtk DataFile Version\""]);
     refuse("ASCII", "EBCDIC", &["line 3", "EBCDIC", "ASCII or BINARY"]);
     refuse("DIMENSIONS 4 3 2", "DIMENSIONS 4 3 3", &["line 10", "24 numbers; 4x3x3 are expected"]);
     refuse("DIMENSIONS 4 3 2", "DIMENSIONS 4 3 -2", &["line 5", "-2"]);

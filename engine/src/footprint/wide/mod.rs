@@ -141,7 +141,7 @@ impl<'a> WideProjector<'a> {
         out: &mut Places,
     ) {
         let from = self.from(range);
-        let eye = self.scalar.camera_to_cloud.translation - range.center.as_dvec3();
+        let eye = self.scalar.camera_to_cloud.translation - from[1].as_dvec3();
         let mut ends = [f32::INFINITY, f32::NEG_INFINITY].each(
             #[inline(always)]
             |end| splat(simd, end),
@@ -149,10 +149,10 @@ impl<'a> WideProjector<'a> {
         for first in blocks.each(range) {
             let chosen = range.chosen(simd, self.scalar.levels, first);
             let block = first / LANES;
-            let (placed, from_middle) = self.placed(simd, block, from);
+            let (placed, offset) = self.placed(simd, block, from);
             let towards = [0, 1, 2].each(
                 #[inline(always)]
-                |i| from_middle[i] - eye.to_array()[i] as f32,
+                |i| offset[i] - eye.to_array()[i] as f32,
             );
             let half_axes = self.half_axes(simd, block);
             let spread = self.spread(simd, block, towards);
@@ -174,21 +174,24 @@ impl<'a> WideProjector<'a> {
         out.run.include([ends[0].reduce_min(), ends[1].reduce_max()]);
     }
 
-    /// The middle of a range in camera space and in cloud space.
+    /// What places of a range are told from, in camera space and in cloud space: single precision knows differences to a share of themselves. Where the
+    /// range is around the eye, or near it, that is the eye, so that splats keep their places however far others lie astray; else its middle.
     fn from(&self, range: &VisibleRange) -> [Vec3; 2] {
-        let origin = self.scalar.cloud_to_camera.transform_point3(range.center.as_dvec3());
-        [origin.as_vec3(), range.center]
+        let is_near = self.perspective && range.center_in_camera.length() < 2.0 * range.radius;
+        let from = if is_near { self.scalar.camera_to_cloud.translation.as_vec3() } else { range.center };
+        let in_camera = self.scalar.cloud_to_camera.transform_point3(from.as_dvec3());
+        [in_camera.as_vec3(), from]
     }
 
-    /// A block of a range, and where its splats are from the range's middle.
+    /// A block of a range, and where its splats are in cloud space, from where they are told.
     #[inline(always)]
-    fn placed<S: Simd>(&self, simd: S, block: usize, [origin, middle]: [Vec3; 2]) -> (Placed<S>, V3<S>) {
+    fn placed<S: Simd>(&self, simd: S, block: usize, [in_camera, from]: [Vec3; 2]) -> (Placed<S>, V3<S>) {
         let center = self.scalar.columns.centers.block(block);
-        let from_middle = [0, 1, 2].each(
+        let offset = [0, 1, 2].each(
             #[inline(always)]
-            |i| V::simd_from(simd, center[i]) - middle.to_array()[i],
+            |i| V::simd_from(simd, center[i]) - from.to_array()[i],
         );
-        (self.place(simd, origin, from_middle), from_middle)
+        (self.place(simd, in_camera, offset), offset)
     }
 
     /// How far splats of a range reach beyond the picture's sides, in every form: the affine one is as wide as if all of a splat

@@ -59,7 +59,7 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportE
         let parts = [Part { file: 0, offset: 0, count: scene.count() }];
         return merge(file, (&[scene], &parts), budget, notes);
     }
-    let levels: Levels = serde_json::from_slice(&file.bytes)
+    let levels: Levels = serde_json::from_slice(file.text())
         .map_err(|error| file.malformed(Place::Whole, error.to_string()))?;
     let level = options.level.unwrap_or(0);
     let mut parts = levels.parts(level).map_err(|problem| file.malformed(Place::Whole, problem))?;

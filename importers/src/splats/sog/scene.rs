@@ -3,7 +3,7 @@
 use super::folder::Folder;
 use super::meta::{Meta, Table, Tables};
 use super::texture::{Packed, Texture};
-use crate::file::File;
+use crate::file::{File, unmarked};
 use crate::splats::{Trained, Training, color};
 use crate::{ImportError, Note, Place};
 use rayon::prelude::*;
@@ -52,7 +52,7 @@ impl Scene {
         } else {
             (Folder::Beside(file), &file.bytes)
         };
-        let meta: Meta = serde_json::from_slice(json)
+        let meta: Meta = serde_json::from_slice(unmarked(json))
             .map_err(|error| file.malformed(Place::Part("meta.json".into()), error.to_string()))?;
         let tables = Tables::new(&meta, notes)
             .map_err(|problem| file.malformed(Place::Part("meta.json".into()), problem))?;
