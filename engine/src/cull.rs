@@ -2,7 +2,7 @@
 //!
 //! A splat is drawn where the filter of the pixels is as wide as it needs and not as wide as its parent needs. The filter is
 //! that at the nearest place of a cluster, or of the cluster above it if that is wider; needs and filters grow with the level,
-//! so of a splat and all that stand for it exactly one is drawn.
+//! so of a splat and all that stand for it exactly one is drawn. With a budget that place is no nearer than a share of the cluster's farthest.
 
 use crate::camera::{Camera, Projection};
 use crate::cloud::Cloud;
@@ -266,8 +266,8 @@ pub(crate) fn find_affordable(view: SceneView, visible: &mut Vec<VisibleRange>) 
     find_visible(view, f64::exp2(wide_enough), visible)
 }
 
-/// What of a cluster around the eye is as near as nothing is never merged; where a budget asks for more, all of it counts as at least so far away, as a share
-/// of its farthest.
+/// With a filter that a budget widens, no cluster counts as nearer than up to this share of its farthest place: what is around the eye, where the filter is as
+/// narrow as at the near plane, would hardly be merged.
 const AROUND_THE_EYE: f64 = 1.0 / 128.0;
 
 /// The widest filter that a budget may ask for, as a power of two, and how often it is halved to fit.

@@ -75,7 +75,7 @@ const LEAST_SHOWN: usize = 100;
 /// of 1.86σ (2σ where kernels are not alike) than with the thicker ones that ways were judged by, those are taken instead.
 ///
 /// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame. Where windows show nothing,
-/// settings stay as they are; pictures of fewer pixels than a window's are drawn in the finest way.
+/// settings stay as they are, but opacities, if it is left open where they end, end at 1/4096 of the tolerance, as they do where windows show less than a hundred pixels; pictures of fewer pixels than a window's are drawn in the finest way.
 ///
 /// An order or a form that is not left to the engine stays as it is, and so do ends and levels that aren't what they are by default. Where all kernels have opacities they keep the
 /// order that defines them. Surfaces by themselves need no order.
@@ -104,25 +104,35 @@ pub fn settle(
     };
     let nothing_else =
         others.is_empty() && nearer.is_empty() && outlines.peek().is_none() && levels.is_empty();
-    if windows[0].is_empty() || nothing_else {
-        return Ok(RenderSettings { level_of_detail: settings.level_of_detail, ..drawn_in(last, far) });
-    }
     let finest = drawn_in(last, far);
-    let trial = Trial::new(scene, &windows, finest)?;
+    let finer = |settings: RenderSettings| finer_ends((scene, &open), settings);
+    // Where nothing tells, opacities end where they may matter least.
+    let untold = |settings: RenderSettings| finer(settings).last().unwrap_or(settings);
+    if windows[0].is_empty() || nothing_else {
+        let settled = if nothing_else { finest } else { untold(finest) };
+        return Ok(RenderSettings { level_of_detail: settings.level_of_detail, ..settled });
+    }
+    let mut trial = Trial::new(scene, &windows, finest)?;
     if trial.shown() == 0 {
-        return Ok(finer_ends(scene, settings, *settings).last().unwrap_or(*settings));
+        return Ok(untold(*settings));
     }
     let way =
         first(others.iter(), |way| trial.is_within(SHARE_OF_WAYS, &drawn_in(way, far)))?.unwrap_or(last);
     let mut settled = drawn_in(way, far);
     let mut outlined = None;
-    if trial.shown() >= LEAST_SHOWN {
+    if trial.shown() < LEAST_SHOWN {
+        settled = untold(settled);
+    } else {
         let with_ends = nearer.iter().map(|ends| drawn_in(way, ends));
-        let finer = finer_ends(scene, settings, settled);
         settled = match nearest_ends(&trial, (finest, settings), scene.has_opacities(), with_ends)? {
             Some(found) => found,
-            None => far_ends(&trial, (settled, settings), finer)?,
+            None => far_ends(&trial, (settled, settings), finer(settled))?,
         };
+        if settled.end_share < far.end_share {
+            // What follows is judged beside a picture that doesn't lack what these ends have.
+            let RenderSettings { end_share, cutoff, .. } = settled;
+            trial = Trial::new(scene, &windows, RenderSettings { end_share, cutoff, ..finest })?;
+        }
         let nearer = outlines.map(|outline| RenderSettings { outline, ..settled });
         outlined = first(nearer, |found| trial.is_within(SHARE_OF_ENDS, found))?;
     }
@@ -158,7 +168,7 @@ fn nearest_ends(
 }
 
 /// The ends that ways were judged with, or the first finer ones that keep to their share of the tolerance beside their own picture at an
-/// eighth of it; the last where none do.
+/// eighth of the tolerance; the last, which isn't judged, where none do.
 fn far_ends(
     trial: &Trial,
     (settled, asked): (RenderSettings, &RenderSettings),
@@ -256,8 +266,7 @@ fn opacities_end(settings: &RenderSettings) -> f64 {
 
 /// Settings with opacities that end at finer shares than usual; none where the scene has no opacities, or it was said where they end.
 fn finer_ends(
-    scene: &Scene,
-    asked: &RenderSettings,
+    (scene, asked): (&Scene, &RenderSettings),
     settings: RenderSettings,
 ) -> impl Iterator<Item = RenderSettings> + use<> {
     let is_left_open = scene.has_opacities() && asked.end_share == RenderSettings::default().end_share;

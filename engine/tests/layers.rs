@@ -150,7 +150,7 @@ fn opaque_sheets_stay_opaque_beside_others() {
         let Strength::Surface(surface) = &mut splats.strength else { unreachable!("they are surfels") };
         surface.opacities = Some(vec![opacity; splats.centers.len()]);
         for center in &mut splats.centers {
-            center.x = 0.5 * center.x - 0.625;
+            center.x -= 1.25;
         }
         let wall = plane(50, 0.05, [1.0; 3]).transformed(tilted(0.0, DVec3::ZERO));
         let sheet = Cloud::new(splats).unwrap().transformed(tilted(0.0, DVec3::Z * behind));
@@ -162,11 +162,10 @@ fn opaque_sheets_stay_opaque_beside_others() {
                 if x.abs() > 5.0 || y.abs() > 5.0 {
                     continue;
                 }
-                // Where the sheet ends, the little that it covers is taken for unevenness of the wall.
-                assert!(color[3] > 0.99, "{opacity} at {behind}: {pixel}: {color:?}");
-                if opacity == 0.0 {
-                    assert!(color[1] > 0.99, "{opacity} at {behind}: {pixel}: {color:?}");
-                }
+                // Where the sheet ends, in the middle, as much of it as a single sheet may cover too much, 7 %, counts beside the wall.
+                let least = if x.abs() < 3.0 { 0.93 } else { 0.999 };
+                assert!(color[3] > least, "{opacity} at {behind}: {pixel}: {color:?}");
+                assert!(opacity > 0.0 || color[1] > least, "{opacity} at {behind}: {pixel}: {color:?}");
             }
         }
     }

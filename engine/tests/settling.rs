@@ -68,6 +68,50 @@ fn what_crowds_lack_where_they_end_stays_within_the_tolerance() {
     }
 }
 
+/// Hundreds to the pixel, each so faint that even a 64th of the tolerance takes much of it away, or all.
+#[test]
+fn faint_crowds_end_finer() {
+    let centers = in_ball(40_000);
+    let count = centers.len();
+    let scene = |peak: f32| Scene {
+        clouds: vec![
+            Cloud::new(Splats {
+                centers: centers.clone(),
+                shapes: Shapes::Shared(Mat3::from_diagonal(Vec3::splat(0.1))),
+                strength: Strength::Opacity { peaks: vec![peak; count], filter: OpacityFilter::Classic },
+                colors: vec![[1.0; 3]; count],
+                harmonics: None,
+                normals: None,
+                material: Material::UNLIT,
+            })
+            .unwrap(),
+        ],
+        lights: Vec::new(),
+    };
+    let camera = scenes::camera(4.6, 48);
+    for (peak, tolerance) in [(0.002, 8.0 / 255.0), (0.002, 64.0 / 255.0), (1e-4, 4.0 / 255.0)] {
+        let scene = scene(peak);
+        let color = |settings: &RenderSettings| draw(scene.clouds.clone(), &camera, settings).color;
+        let truth = color(&RenderSettings {
+            footprint: FootprintForm::Exact,
+            order: Order::Centers,
+            tolerance: 1e-7,
+            cutoff: 30.0,
+            ..unshaded()
+        });
+        let left_open = RenderSettings { tolerance, ..unshaded() };
+        let settled = settle(&scene, &camera, &left_open).unwrap();
+        let [finest_usual, settled_error] = [1.0 / 64.0, settled.end_share]
+            .map(|end_share| error(&truth, &color(&RenderSettings { end_share, ..settled })));
+        println!("{peak} at {tolerance}: {finest_usual} → {settled_error}, {settled:?}");
+        assert!(finest_usual > tolerance, "{finest_usual} is no more than {tolerance}");
+        assert!(
+            settled.end_share < 1.0 / 64.0 && settled_error <= tolerance,
+            "{settled_error} at {tolerance}"
+        );
+    }
+}
+
 /// Dense kernels in two colours, which sorted centres get wrong, a tenth as wide as the picture and in its corner.
 #[test]
 fn what_is_small_in_the_picture_is_looked_at() {

@@ -19,7 +19,7 @@ pub(crate) struct Appearance<'a> {
     facets: &'a Facets<'a>,
     /// Of each part.
     textures: Vec<Option<&'a Pyramid<'a>>>,
-    /// Whether nothing of a part can be seen through.
+    /// Whether nothing of a part can be seen through, as it is drawn: few texels more or less don't tell, as they would of closed bodies.
     are_opaque: Vec<bool>,
 }
 
@@ -60,10 +60,13 @@ impl<'a> Appearance<'a> {
         let find = |part: &Primitive| texture(part).and_then(|texture| textures.0.get(&key(part, texture)));
         let textures: Vec<_> = facets.parts.iter().map(|part| find(part.primitive)).collect();
         let is_opaque = |(part, texture): (&Part, &Option<&Pyramid>)| {
-            let Primitive { material, colors, .. } = part.primitive;
-            material.factor.w >= 1.0
-                && colors.iter().flatten().all(|color| color.w >= 1.0)
-                && texture.is_none_or(Pyramid::is_opaque)
+            let Primitive { material, colors, alpha_cutoff, .. } = part.primitive;
+            let is_whole = |share: f32| material.factor.w * share >= alpha_cutoff.unwrap_or(1.0);
+            let are_whole = match colors {
+                Some(colors) => colors.iter().all(|color| is_whole(color.w)),
+                None => is_whole(1.0),
+            };
+            are_whole && texture.is_none_or(Pyramid::is_opaque)
         };
         let are_opaque = facets.parts.iter().zip(&textures).map(is_opaque).collect();
         Self { facets, textures, are_opaque }

@@ -4,7 +4,7 @@ use crate::frame::LEAST_VISIBLE;
 use crate::raster::{Look, Surfel};
 use crate::simd::*;
 
-/// What a layer lets through at least where it is more than the difference of two sums.
+/// A layer that lets through less counts as one sheet: what it lets through is a difference of two sums, most of it rounding.
 const LEAST_CLEAR: f32 = 1e-5;
 
 /// What sums of hundreds of equal samples may be off by.
@@ -17,7 +17,7 @@ pub(super) struct Sums<S: Simd> {
     /// cancel, so their normals are never added.
     pub(super) front: Side<S>,
     pub(super) back: Side<S>,
-    /// Of how far colours are from the tile's usual one, which surfaces most often have all over, by opacity.
+    /// Of how far colours are from the tile's usual one, which surfaces most often have all over, times their opacity.
     pub(super) tint: [W<S>; 3],
     /// Of depths behind the first sample's.
     pub(super) depth: W<S>,
@@ -80,9 +80,7 @@ impl<S: Simd> Sums<S> {
             self.front.add(simd, surfel, weight);
         }
     }
-}
 
-impl<S: Simd> Sums<S> {
     /// The opacity of a layer that covers `coverage` of the pixel, and what tints are multiplied by; weights are multiplied by `inverse`.
     ///
     /// A layer may be several sheets, one behind the other: as many as it covers its share times. But what a single one may cover too

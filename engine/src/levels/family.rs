@@ -81,6 +81,12 @@ impl Family {
         self.members().iter().map(|m| m.share * value(m)).sum()
     }
 
+    /// The mean colour; of surfaces, whose layers take colours so, by opacity.
+    pub(super) fn color(&self, is_surface: bool) -> DVec3 {
+        let shown = if is_surface { self.average(|m| m.opacity) } else { 0.0 };
+        if shown > 0.0 { self.mean(|m| m.opacity * m.color) / shown } else { self.mean(|m| m.color) }
+    }
+
     /// The covariance of all members' mass.
     pub(super) fn covariance(&self) -> DMat3 {
         self.within + self.between

@@ -158,7 +158,7 @@ impl Merged {
             let encoded = family.mean(|m| m.color.map(|c| f64::from(linear_to_srgb(c as f32))));
             encoded.to_array().map(|c| srgb_to_linear(c as f32))
         } else {
-            family.mean(|m| m.color).as_vec3().to_array()
+            family.color(matches!(columns.kind, Kind::Surface(_))).as_vec3().to_array()
         };
         let terms = Terms::new(columns, family, normals, (strength, &orientation));
         let mut shares = [0.0; CHILDREN];

@@ -72,7 +72,7 @@ impl Terms {
         (strength, orientation): (f64, &Orientation),
     ) -> Self {
         let is_surface = matches!(columns.kind, Kind::Surface(_));
-        let color = family.mean(|m| m.color);
+        let color = family.color(is_surface);
         let normal: DVec3 = family.members().iter().zip(normals).map(|(m, n)| m.share * n).sum();
         let mut dipoles = [DVec3::ZERO; 3];
         let (mut turning, mut turned) = (DMat3::ZERO, 0.0);

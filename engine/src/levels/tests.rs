@@ -71,8 +71,10 @@ fn sums(columns: &Columns) -> Vec<f64> {
         let covariance = factor * factor.transpose();
         let center = columns.center(index).as_dvec3();
         let shadow = if let Kind::Opacity(_) = columns.kind { family::mean_shadow(covariance) } else { 1.0 };
+        // Of surfaces, by opacity.
         let color = columns.color(index).map(|c| match columns.kind {
             Kind::Opacity(_) => linear_to_srgb(c),
+            Kind::Surface(_) => c * columns.opacity(index),
             _ => c,
         });
         let coefficients = columns.harmonics.as_ref().unwrap().row(index).flatten().map(f64::from);

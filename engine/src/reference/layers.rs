@@ -99,9 +99,9 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
         // A layer may be several sheets, one behind the other: as many as it covers its share of the pixel times. But what a single one may cover too much by
         // unevenness is none, and twice that is as much. Samples of one sheet let through their mean, of two, m − d and m + d, the product m² − d².
         let clear = |s: &Sample<'_>| (1.0 - s.opacity) * s.coverage();
+        // No number where all is opaque.
         let even =
             taken.iter().map(|s| s.even * clear(s)).sum::<f64>() / taken.iter().map(clear).sum::<f64>();
-        // Where all is opaque it is no number.
         let times = total / coverage;
         let more = times * even - 1.0;
         let twice_beyond = 2.0 * (more - (1.0 - even));

@@ -181,6 +181,21 @@ fn a_budget_is_kept() {
     }
 }
 
+/// What is around the eye is as near as nothing, so that no filter there is wide enough by itself.
+#[test]
+fn a_budget_is_kept_around_the_eye() {
+    let cloud = ball(48);
+    let camera = looking_from(DVec3::new(0.1, 0.05, 0.02), 128);
+    let all =
+        draw_with(&cloud, &camera, RenderSettings { level_of_detail: 0.0, ..RenderSettings::default() });
+    assert!(all.1 > 4000, "{}", all.1);
+    for budget in [1024, 2000, 3000] {
+        let settings = RenderSettings { budget: Some(budget), ..RenderSettings::default() };
+        let (_, drawn) = draw_with(&cloud, &camera, settings);
+        assert!(drawn as usize <= budget && drawn > 0, "{drawn} of {budget}");
+    }
+}
+
 #[test]
 fn shared_shapes_and_coincident_splats_are_drawn() {
     let mut splats =

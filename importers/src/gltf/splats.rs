@@ -419,8 +419,13 @@ impl Placement {
 /// that doesn't mirror is taken. Maps to a line or a point have many; splats keep their directions' colours.
 fn nearest_orthogonal(linear: DMat3) -> DMat3 {
     let axes = flattened(half_axes(linear), RESIDUE * largest(linear));
-    let is_flat = [axes.x_axis, axes.y_axis, axes.z_axis].contains(&DVec3::ZERO);
-    let linear = if is_flat { completed(linear) } else { linear };
+    let flat_axes =
+        [axes.x_axis, axes.y_axis, axes.z_axis].iter().filter(|axis| **axis == DVec3::ZERO).count();
+    let linear = match flat_axes {
+        0 => linear,
+        1 => completed(linear),
+        _ => return DMat3::IDENTITY,
+    };
     let scale = linear.determinant().abs().cbrt();
     let mut q = linear * scale.recip();
     // Doubles the digits each time; the scaled beginning is near unless the map is nearly flat.

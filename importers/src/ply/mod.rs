@@ -66,7 +66,7 @@
 //! See [`crate::points`]. What other elements with rows the file has is noted.
 //!
 //! Bytes behind the last row are noted where they are met: not with splats and surfels in text, nor in text where other rows follow
-//! points.
+//! points, nor in binary where rows with lists are in the file and the points are not last.
 
 mod body;
 mod header;

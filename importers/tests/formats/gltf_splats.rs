@@ -190,7 +190,13 @@ fn maps_without_an_inverse_make_flat_splats() {
         let (rotate, stretched) = (DMat3::from_quat(rotation), DMat3::from_diagonal(scale));
         let own = format!(r#"{{"mesh":0,{turn},{stretch}}}"#);
         let of_parent = format!(r#"{{"mesh":0,{turn}}},{{"children":[0],{stretch}}}"#);
-        for (node, matrix) in [(own, rotate * stretched), (of_parent, stretched * rotate)] {
+        let between =
+            format!(r#"{{"mesh":0,{turn}}},{{"children":[0],{stretch}}},{{"children":[1],{turn}}}"#);
+        for (node, matrix, turns) in [
+            (own, rotate * stretched, 1),
+            (of_parent, stretched * rotate, 1),
+            (between, rotate * stretched * rotate, 2),
+        ] {
             assert_eq!(opened(&[(NODE, &node)]).notes, []);
             let found = read(&[(NODE, &node)]);
             assert_eq!(found.len(), 2);
@@ -203,10 +209,11 @@ fn maps_without_an_inverse_make_flat_splats() {
                 let largest =
                     wanted.to_cols_array().iter().fold(0.0, |most: f64, entry| most.max(entry.abs()));
                 assert!(covariance(found).abs_diff_eq(wanted, 4e-6 * largest), "{factor} {wanted}");
-                // A plane that is turned turns its splats' colours.
-                if zeros == 1 {
+                // A plane that is turned turns its splats' colours, a line leaves them.
+                let as_plain = (zeros == 2).then_some(plain);
+                if let Some(known) = as_plain.or((turns == 1).then_some(turned)) {
                     let (found, turned) =
-                        (found.harmonics.as_ref().unwrap(), turned.harmonics.as_ref().unwrap());
+                        (found.harmonics.as_ref().unwrap(), known.harmonics.as_ref().unwrap());
                     let pairs =
                         found.coefficients.as_flattened().iter().zip(turned.coefficients.as_flattened());
                     pairs.for_each(|(found, turned)| {

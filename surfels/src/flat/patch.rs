@@ -94,8 +94,12 @@ impl Patch {
             sum + (outer(flat(s.center - center)) * SPREAD + own) * share(s)
         });
         let [along, aside] = half_axes(covariance).map(|axis| u * axis.x + v * axis.y);
+        let opacity: f64 = all().map(|s| f64::from(s.opacity) * share(s)).sum();
+        // As layers take colours: what is clear has none.
+        let shown =
+            |s: &Sample| if opacity > 0.0 { f64::from(s.opacity) / opacity * share(s) } else { share(s) };
         let color =
-            |channel: usize| all().map(|s| f64::from(s.color[channel]) * share(s)).sum::<f64>() as f32;
+            |channel: usize| all().map(|s| f64::from(s.color[channel]) * shown(s)).sum::<f64>() as f32;
         let mean = Sample {
             center,
             half_axes: [along, aside],
@@ -103,7 +107,7 @@ impl Patch {
             normal: all().map(|s| s.normal * share(s)).sum(),
             area,
             color: [color(0), color(1), color(2)],
-            opacity: all().map(|s| f64::from(s.opacity) * share(s)).sum::<f64>() as f32,
+            opacity: opacity as f32,
         };
         let deviation = all().fold(Deviation::default(), |largest, s| largest.or(&s.deviation_from(&mean)));
         Self { members, mean, deviation }

@@ -11,7 +11,7 @@ use super::sums::{EvenGrid, Sums};
 use crate::kernels::KERNEL_SIGMA;
 use crate::transfer::TransferFunction;
 
-/// How often a step of Shepard's is made. Each takes as long; four leave a fifth of what one does.
+/// How often a step of Shepard's is made. Each takes as long; four leave a quarter to three fifths of what one does.
 const ROUNDS: usize = 4;
 
 /// The samples of an irregular volume as kernels that add up to nearly 1, ready for one transfer function after another.
@@ -46,7 +46,7 @@ struct Kernel {
 /// What kernels of a constant field of 1 add up to at the samples, as a share of what they should: 1, but less along borders (see [`Partition`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Residual {
-    /// Least and greatest sum.
+    /// Least and greatest share.
     pub range: [f64; 2],
     /// Root of the mean squared difference from 1.
     pub rms: f64,
@@ -63,12 +63,15 @@ impl Partition {
         let sums = Sums::new(&locals, &centers);
         let mut shares = vec![1.0; locals.len()];
         let first = sums.at_centers(&shares);
+        let mut have_kernels = vec![false; volume.points().len()];
+        locals.iter().for_each(|local| have_kernels[local.number] = true);
+        let has =
+            |number: usize, steps| volume.beside(number, steps).is_some_and(|beside| have_kernels[beside]);
         let even = EvenGrid::new();
         let whole = even.sum(|_| true);
         // Where borders of a grid meet, more is there than an even grid has at a border.
-        let expected = |(local, sum): (&Local, &f32)| {
-            sum.clamp(even.sum(|steps| volume.has(local.number, steps)), whole)
-        };
+        let expected =
+            |(local, sum): (&Local, &f32)| sum.clamp(even.sum(|steps| has(local.number, steps)), whole);
         let expected: Vec<f32> = locals.par_iter().zip(&first).map(expected).collect();
         let of_expected = |sums: Vec<f32>| -> Vec<f32> {
             sums.iter().zip(&expected).map(|(sum, expected)| sum / expected).collect()
@@ -92,7 +95,7 @@ impl Partition {
         Self { kernels, origin, residual }
     }
 
-    /// How far from 1 the kernels of a constant field add up to.
+    /// How far what kernels of a constant field add up to is from what it should be.
     pub fn residual(&self) -> Residual {
         self.residual
     }

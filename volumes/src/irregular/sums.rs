@@ -15,7 +15,7 @@ use crate::kernels::KERNEL_SIGMA;
 /// Squared distance in σ beyond which a kernel is left out of sums: e^{−9} of its peak.
 const CUTOFF: f32 = 18.0;
 
-/// Squared steps from which on that is so on an even grid, and the most steps along an axis within.
+/// Squared steps from which on kernels of an even grid are left out, and the most steps along an axis of those that aren't.
 const FAR: usize = 9;
 const REACH: i64 = 2;
 

@@ -66,11 +66,11 @@ impl WideProjector<'_> {
     }
 
     #[inline(always)]
-    pub(super) fn place<S: Simd>(&self, simd: S, origin: Vec3, from_middle: V3<S>) -> Placed<S> {
-        let turned = Self::transform(simd, &self.to_camera, from_middle);
+    pub(super) fn place<S: Simd>(&self, simd: S, in_camera: Vec3, offset: V3<S>) -> Placed<S> {
+        let turned = Self::transform(simd, &self.to_camera, offset);
         let center = [0, 1, 2].each(
             #[inline(always)]
-            |i| turned[i] + origin.to_array()[i],
+            |i| turned[i] + in_camera.to_array()[i],
         );
         let (zero, one) = (splat(simd, 0.0), splat(simd, 1.0));
         if self.perspective {

@@ -39,7 +39,7 @@ pub(crate) struct Surfels {
 /// What is special about a surfel.
 #[derive(Clone, Copy)]
 pub(crate) struct Look {
-    /// How far its colour is from the tile's usual one, by its opacity.
+    /// How far its colour is from the tile's usual one, times its opacity.
     pub(crate) tint: [f32; 3],
     pub(crate) opacity: f32,
     /// How even the coverage of a single sheet is there, at least: between this and as much above 1 as this is below.
