@@ -75,7 +75,8 @@ const LEAST_SHOWN: usize = 100;
 /// of 1.86σ (2σ where kernels are not alike) than with the thicker ones that ways were judged by, those are taken instead.
 ///
 /// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame. Where windows show nothing,
-/// settings stay as they are, but opacities, if it is left open where they end, end at 1/4096 of the tolerance, as they do where windows show less than a hundred pixels; pictures of fewer pixels than a window's are drawn in the finest way.
+/// settings stay as they are, but opacities, if it is left open where they end, end at 1/4096 of the tolerance, as they do where windows show
+/// less than a hundred pixels; pictures of fewer pixels than a window's are drawn in the finest way.
 ///
 /// An order or a form that is not left to the engine stays as it is, and so do ends and levels that aren't what they are by default. Where all kernels have opacities they keep the
 /// order that defines them. Surfaces by themselves need no order.
@@ -118,24 +119,24 @@ pub fn settle(
     }
     let way =
         first(others.iter(), |way| trial.is_within(SHARE_OF_WAYS, &drawn_in(way, far)))?.unwrap_or(last);
-    let mut settled = drawn_in(way, far);
-    let mut outlined = None;
-    if trial.shown() < LEAST_SHOWN {
-        settled = untold(settled);
-    } else {
+    let usual = drawn_in(way, far);
+    let tells = trial.shown() >= LEAST_SHOWN;
+    let settled = if tells {
         let with_ends = nearer.iter().map(|ends| drawn_in(way, ends));
-        settled = match nearest_ends(&trial, (finest, settings), scene.has_opacities(), with_ends)? {
+        match nearest_ends(&trial, (finest, settings), scene.has_opacities(), with_ends)? {
             Some(found) => found,
-            None => far_ends(&trial, (settled, settings), finer(settled))?,
-        };
-        if settled.end_share < far.end_share {
-            // What follows is judged beside a picture that doesn't lack what these ends have.
-            let RenderSettings { end_share, cutoff, .. } = settled;
-            trial = Trial::new(scene, &windows, RenderSettings { end_share, cutoff, ..finest })?;
+            None => far_ends(&trial, (usual, settings), finer(usual))?,
         }
-        let nearer = outlines.map(|outline| RenderSettings { outline, ..settled });
-        outlined = first(nearer, |found| trial.is_within(SHARE_OF_ENDS, found))?;
+    } else {
+        untold(usual)
+    };
+    if settled.end_share < far.end_share {
+        // What follows is judged beside a picture that doesn't lack what these ends have.
+        let RenderSettings { end_share, cutoff, .. } = settled;
+        trial = Trial::new(scene, &windows, RenderSettings { end_share, cutoff, ..finest })?;
     }
+    let nearer = outlines.filter(|_| tells).map(|outline| RenderSettings { outline, ..settled });
+    let outlined = first(nearer, |found| trial.is_within(SHARE_OF_ENDS, found))?;
     let with_outlines: Vec<_> = outlined.into_iter().chain([settled]).collect();
     let coarsest = coarsest_levels(&trial, &levels, &with_outlines)?;
     // Thinner slabs leave more of the tolerance to levels.

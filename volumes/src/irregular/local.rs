@@ -42,12 +42,11 @@ impl IrregularVolume {
 
     /// The number of the sample so many steps along the axes from another, if the grid goes so far; of scattered ones it isn't known what is missing, and
     /// another has its own.
-    pub(super) fn beside(&self, number: usize, steps: [i64; 3]) -> Option<usize> {
+    pub(super) fn beside(&self, number: usize, steps: [isize; 3]) -> Option<usize> {
         let dims = self.samples.dims();
         let index = [number % dims[0], number / dims[0] % dims[1], number / (dims[0] * dims[1])];
-        let along = |axis: usize| {
-            index[axis].checked_add_signed(steps[axis] as isize).filter(|index| *index < dims[axis])
-        };
+        let along =
+            |axis: usize| index[axis].checked_add_signed(steps[axis]).filter(|index| *index < dims[axis]);
         match (self.arrangement, along(0), along(1), along(2)) {
             (Arrangement::Scattered, ..) => Some(number),
             (_, Some(i), Some(j), Some(k)) => Some(self.samples.place([i, j, k])),

@@ -17,7 +17,7 @@ const CUTOFF: f32 = 18.0;
 
 /// Squared steps from which on kernels of an even grid are left out, and the most steps along an axis of those that aren't.
 const FAR: usize = 9;
-const REACH: i64 = 2;
+const REACH: isize = 2;
 
 /// Centres at which sums are found at once: neighbours, which most of the same kernels reach.
 const GROUP: usize = 8;
@@ -35,11 +35,11 @@ impl EvenGrid {
     }
 
     /// What kernels add up to at a sample, in peaks of one, if there are those so many steps along the axes from it that `is_there` says.
-    pub(super) fn sum(&self, is_there: impl Fn([i64; 3]) -> bool) -> f32 {
+    pub(super) fn sum(&self, is_there: impl Fn([isize; 3]) -> bool) -> f32 {
         let along = || -REACH..=REACH;
         let all = along().flat_map(|z| along().flat_map(move |y| along().map(move |x| [x, y, z])));
-        let kernel = |steps: [i64; 3]| {
-            let squared: i64 = steps.iter().map(|steps| steps * steps).sum();
+        let kernel = |steps: [isize; 3]| {
+            let squared: isize = steps.iter().map(|steps| steps * steps).sum();
             self.falloff.get(squared as usize).filter(|_| is_there(steps))
         };
         all.filter_map(kernel).sum()
@@ -79,8 +79,8 @@ impl Sums {
         Self { supports, kernels }
     }
 
-    /// What the kernels add up to at each centre, where the volume of each is multiplied by its share, in peaks of one without a share: a
-    /// volume |det J| over the kernel's (2π)^{3/2} σ³ |det J| is the same for all.
+    /// What the kernels add up to at each centre, where the volume of each is multiplied by its share, in peaks of one whose share is 1: these
+    /// are the same for all, a volume |det J| over the kernel's (2π)^{3/2} σ³ |det J|.
     pub(super) fn at_centers(&self, shares: &[f32]) -> Vec<f32> {
         let order = &self.supports.order;
         let shares: Vec<f32> = order.par_iter().map(|number| shares[*number as usize]).collect();
