@@ -297,13 +297,17 @@ fn what_is_far_leaves_what_is_near_as_it_is() {
         for (pixel, color) in own.color.iter().enumerate().skip(256) {
             // Along its edge the wall leans into a sky that is none.
             let [is_sky, is_edge] = [pixel / 256 < 29, pixel / 256 < 34];
-            // Known pixels grow by 0.75 pixels into unknown ones, and their kernels leave a hundredth another pixel farther: those that are near do, too.
-            let is_beside_near = pixel / 256 < 3 && pixel % 256 < 43;
-            if !is_sky && is_edge || is_beside_near {
+            if !is_sky && is_edge {
                 continue;
             }
             let expected = if is_sky && sky >= 1e10 { 0.0 } else { 1.0 };
-            assert!((color[3] - expected).abs() < 0.01, "sky at {sky:e}: pixel {pixel} is {color:?}");
+            // Known pixels grow by 0.75 pixels into unknown ones, and leave a hundredth another pixel farther: those that are near do, too.
+            let off = match (expected, pixel / 256, pixel % 256) {
+                (0.0, 1, ..43) => 0.5,
+                (0.0, 2, ..43) => 0.02,
+                _ => 0.01,
+            };
+            assert!((color[3] - expected).abs() < off, "sky at {sky:e}: pixel {pixel} is {color:?}");
         }
     }
 }

@@ -146,7 +146,9 @@ mod tests {
             prop_assert!((profile.integral / integral - 1.0).abs() < thickened + 1e-9);
             prop_assert!((profile.z - z).abs() < (thickened + 1e-9) * 10.0);
             prop_assert!((profile.sigma / sigma - 1.0).abs() < thickened + 1e-7);
-            // The smallest of samples 0.02 apart is above the minimum by at most (0.01/σ)².
+            // The smallest of samples 0.02 apart, of the thickened Gaussian, is above its minimum by at most (0.01/σ)².
+            let thick = covariance + DMat3::IDENTITY * (THICKNESS * THICKNESS * trace);
+            let [.., r] = summed(center, thick, &ray);
             prop_assert!(profile.r <= r + 1e-9 && profile.r > r - (0.01 / sigma).powi(2) - 1e-9);
         }
 
