@@ -2,7 +2,7 @@
 
 use crate::columns::{Column, Columns, Factors, Kind, LANES};
 use crate::simd::{self, *};
-use glam::{DVec3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 use std::ops::Range;
 
 /// Holds the vector areas of a cluster's surfels, in cloud space; of closed surfaces alone, of all else every direction.
@@ -18,6 +18,17 @@ pub(crate) struct Cone {
 pub(crate) enum Viewer {
     At(DVec3),
     Along(DVec3),
+}
+
+impl Viewer {
+    pub(crate) fn of(cloud_to_camera: &DAffine3, is_perspective: bool) -> Self {
+        let camera_to_cloud = cloud_to_camera.inverse();
+        if is_perspective {
+            Self::At(camera_to_cloud.translation)
+        } else {
+            Self::Along(camera_to_cloud.matrix3.z_axis)
+        }
+    }
 }
 
 /// What single precision moves an angle's sine by, and more.

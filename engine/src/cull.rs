@@ -9,7 +9,7 @@ use crate::cloud::Cloud;
 use crate::columns::{CHILDREN, LANES};
 use crate::cone::Viewer;
 use crate::footprint::{CameraSplat, Lens};
-use crate::levels::{Level, allowance};
+use crate::levels::{Cluster, Level, allowance};
 use crate::simd::{self, *};
 use crate::view::SceneView;
 use glam::{DAffine3, DMat3, DVec2, DVec3, DVec4, Vec3};
@@ -202,32 +202,29 @@ fn find_visible(
     let (mut first_id, mut culled) = (0, 0);
     for (index, cloud) in scene.clouds.iter().enumerate() {
         let cloud_to_camera = camera.pose().world_to_camera * cloud.cloud_to_world();
-        let camera_to_cloud = cloud_to_camera.inverse();
         let stretch = largest_stretch(cloud_to_camera.matrix3);
-        let viewer = if perspective {
-            Viewer::At(camera_to_cloud.translation)
-        } else {
-            Viewer::Along(camera_to_cloud.matrix3.z_axis)
-        };
-        let search = Search {
-            cloud,
-            index,
-            first_id,
-            frustum: &frustum,
-            near: camera.near(),
-            perspective,
-            pixel_filter,
-            allowance: allowance(cloud.levels(), settings.tolerance) * settings.level_of_detail * widening
-                / stretch,
-            closest: AROUND_THE_EYE * (1.0 - widening.recip()),
-            end: settings.farthest_end(),
-            stretch,
-            cloud_to_camera,
-            hides_backs_from: cloud.is_closed_for(camera).then_some(viewer),
-        };
+        let end = settings.farthest_end();
+        let reach = Reach { frustum: &frustum, perspective, pixel_filter, end, stretch, cloud_to_camera };
         let top = if settings.level_of_detail > 0.0 { cloud.levels().len() - 1 } else { 0 };
-        for cluster in 0..cloud.levels()[top].clusters.len() {
-            culled += search.visit((top, top), cluster, 0.0, visible);
+        let clusters = &cloud.levels()[top].clusters;
+        // Of many clouds most lie beside a small picture: these should cost no more than a look.
+        if clusters.iter().any(|cluster| reach.sphere(cluster).touches) {
+            let search = Search {
+                cloud,
+                index,
+                first_id,
+                near: camera.near(),
+                reach,
+                allowance: allowance(cloud.levels(), settings.tolerance) * settings.level_of_detail * widening
+                    / stretch,
+                closest: AROUND_THE_EYE * (1.0 - widening.recip()),
+                hides_backs_from: cloud.is_closed_for(camera).then(|| Viewer::of(&cloud_to_camera, perspective)),
+            };
+            for cluster in 0..clusters.len() {
+                culled += search.visit((top, top), cluster, 0.0, visible);
+            }
+        } else {
+            culled += cloud.levels()[top].columns.len as u64;
         }
         first_id += cloud.len() as u32;
     }
@@ -310,24 +307,57 @@ pub(crate) fn largest_stretch(m: DMat3) -> f64 {
     sums.into_iter().fold(0.0, f64::max).sqrt().max(f64::MIN_POSITIVE)
 }
 
+/// How far the clusters of a cloud reach.
+struct Reach<'a> {
+    frustum: &'a Frustum,
+    perspective: bool,
+    /// Standard deviation of the pixels' filter where z is 1.
+    pixel_filter: f64,
+    /// The squared Mahalanobis radius at which every splat has ended, kernel or surfel: bounds of what is hidden go by the same.
+    end: f64,
+    stretch: f64,
+    cloud_to_camera: DAffine3,
+}
+
+/// Where a cluster is in camera space.
+struct Sphere {
+    center: DVec3,
+    /// Around the centres of its splats.
+    radius: f64,
+    /// Of the place that is farthest from the camera plane; 1 where rays are parallel.
+    farthest: f64,
+    /// The largest σ of its splats.
+    sigma: f64,
+    /// Around all that its splats show.
+    reach: f64,
+    /// Whether that touches the picture.
+    touches: bool,
+}
+
+impl Reach<'_> {
+    fn sphere(&self, cluster: &Cluster) -> Sphere {
+        let center = self.cloud_to_camera.transform_point3(cluster.center.as_dvec3());
+        let radius = self.stretch * f64::from(cluster.radius);
+        let farthest = if self.perspective { center.z.abs() + radius } else { 1.0 };
+        let sigma = self.stretch * f64::from(cluster.largest_sigma);
+        let filtered = DVec2::new(sigma, self.pixel_filter * farthest).length();
+        let reach = radius + self.end.sqrt() * filtered;
+        let touches = self.frustum.touches_sphere(center, reach);
+        Sphere { center, radius, farthest, sigma, reach, touches }
+    }
+}
+
 /// A walk through the clusters of a cloud.
 struct Search<'a> {
     cloud: &'a Cloud,
     index: usize,
     first_id: u32,
-    frustum: &'a Frustum,
     near: f64,
-    perspective: bool,
-    /// Standard deviation of the pixels' filter where z is 1.
-    pixel_filter: f64,
+    reach: Reach<'a>,
     /// What makes a filter in the world one that needs are compared with.
     allowance: f64,
     /// The least distance that is compared with, as a share of a cluster's farthest.
     closest: f64,
-    /// The squared Mahalanobis radius at which every splat has ended, kernel or surfel: bounds of what is hidden go by the same.
-    end: f64,
-    stretch: f64,
-    cloud_to_camera: DAffine3,
     /// Of a surface whose backs are not drawn, from where it is seen.
     hides_backs_from: Option<Viewer>,
 }
@@ -347,13 +377,8 @@ impl Search<'_> {
         if has_parents && cluster.parents_need[1] <= filter_above {
             return 0;
         }
-        let center = self.cloud_to_camera.transform_point3(cluster.center.as_dvec3());
-        let radius = self.stretch * f64::from(cluster.radius);
-        let farthest = if self.perspective { center.z.abs() + radius } else { 1.0 };
-        let own_sigma = self.stretch * f64::from(cluster.largest_sigma);
-        let sigma = DVec2::new(own_sigma, self.pixel_filter * farthest).length();
-        let reach = radius + self.end.sqrt() * sigma;
-        if !self.frustum.touches_sphere(center, reach) {
+        let Sphere { center, radius, farthest, sigma, reach, touches } = self.reach.sphere(cluster);
+        if !touches {
             return cluster.splats.len() as u64;
         }
         let sphere = (cluster.center, cluster.radius);
@@ -361,8 +386,9 @@ impl Search<'_> {
             return 0;
         }
         let nearest = (center.z - radius).max(self.near).max(self.closest * farthest);
-        let nearest = if self.perspective { nearest } else { 1.0 };
-        let filter = ((self.pixel_filter * nearest * self.allowance) as f32).max(filter_above);
+        let Reach { perspective, pixel_filter, .. } = self.reach;
+        let nearest = if perspective { nearest } else { 1.0 };
+        let filter = ((pixel_filter * nearest * self.allowance) as f32).max(filter_above);
         let [least, most] = cluster.needs;
         let mut culled = 0;
         if level > 0 && most > filter {
@@ -374,8 +400,8 @@ impl Search<'_> {
         }
         let is_whole = most <= filter && (!has_parents || cluster.parents_need[0] > filter_above);
         let choice = Choice { filter, filter_above: has_parents.then_some(filter_above) };
-        let distance = if self.perspective { center.length() } else { center.z };
-        let least = if self.perspective { (distance - radius).max(0.0) } else { distance - radius };
+        let distance = if perspective { center.length() } else { center.z };
+        let least = if perspective { (distance - radius).max(0.0) } else { distance - radius };
         visible.push(VisibleRange {
             cloud: self.index,
             level,
@@ -386,7 +412,7 @@ impl Search<'_> {
             center_in_camera: center,
             reach,
             radius,
-            sigma: own_sigma,
+            sigma,
             distances: [least as f32, (distance + radius) as f32],
             is_surface: self.cloud.is_surface(),
             hides_backs: self.hides_backs_from.is_some(),

@@ -20,7 +20,7 @@ use crate::order::Sorter;
 use crate::pass::{Pass, PerPass};
 use crate::raster::CloudSurface;
 use crate::scene::{RenderSettings, Scene};
-use crate::shade::Shader;
+use crate::shade::Lights;
 use crate::simd::Level;
 use crate::tile::BLOCK_SIDE;
 use crate::validate::SceneError;
@@ -65,7 +65,8 @@ pub struct Renderer {
     chooses_tiles: bool,
     visible: PerPass<Vec<VisibleRange>>,
     occlusion: Occlusion,
-    shaders: Vec<Shader>,
+    lights: Lights,
+    /// One a cloud, of those that may be visible.
     cloud_surfaces: Vec<CloudSurface>,
     drawn: PerPass<Drawn>,
     cuts: KeptCuts,
@@ -106,7 +107,7 @@ impl Renderer {
             chooses_tiles: false,
             visible: PerPass::default(),
             occlusion: Occlusion::default(),
-            shaders: Vec::new(),
+            lights: Lights::default(),
             cloud_surfaces: Vec::new(),
             drawn: PerPass::default(),
             cuts: KeptCuts::default(),
@@ -194,10 +195,12 @@ impl Renderer {
 
     /// Readies what the rounds of a frame share.
     fn prepare(&mut self, SceneView { scene, camera, settings }: SceneView) {
-        self.shaders.clear();
-        self.shaders.extend(scene.clouds.iter().map(|cloud| Shader::new(scene, camera, cloud.material())));
+        self.lights = Lights::new(scene, camera);
         self.cloud_surfaces.clear();
-        self.cloud_surfaces.extend(scene.clouds.iter().map(CloudSurface::of));
+        self.cloud_surfaces.resize(scene.clouds.len(), CloudSurface::default());
+        for range in &self.visible.surfaces {
+            self.cloud_surfaces[range.cloud] = CloudSurface::of(&scene.clouds[range.cloud]);
+        }
         self.drawn.surfaces.clear();
         self.drawn.volumes.clear();
         self.frame.resize(camera.size().map(|length| length as usize), settings.channels);
@@ -231,9 +234,9 @@ impl Renderer {
     fn project(&mut self, pass: Pass, Shared { view, closing, .. }: Shared) {
         let hides = pass == Pass::Volumes && view.settings.occlusion && !self.visible.surfaces.is_empty();
         let looked = hides.then_some(self.occlusion.looked());
-        let (shaders, level) = (&self.shaders, self.level);
+        let (lights, level) = (&self.lights, self.level);
         let tile_side = self.tile_side;
-        let projector = SceneProjector { view, shaders, closing, looked, tile_side, level };
+        let projector = SceneProjector { view, lights, closing, looked, tile_side, level };
         self.drawn[pass].append(&projector, &self.visible[pass], self.occlusion.next());
     }
 

@@ -6,8 +6,8 @@ use crate::composite::{Runs, Seeing, Seen};
 use crate::cuts::{Cut, Cuts};
 use crate::footprint::{Lens, Octet};
 use crate::frame::{BAND, Channels, Frame, FrameRows};
-use crate::scene::{Blend, RenderSettings};
-use crate::shade::Shader;
+use crate::scene::{Blend, RenderSettings, Scene};
+use crate::shade::Lights;
 use crate::simd::*;
 use crate::tile::{BLOCK_SIDE, PIXELS, Tile, pixels};
 use glam::DMat3;
@@ -16,8 +16,8 @@ use std::sync::{Mutex, PoisonError};
 
 /// Finishes pixels.
 pub(crate) struct Resolver<'a> {
-    /// One a cloud.
-    pub(crate) shaders: &'a [Shader],
+    pub(crate) scene: &'a Scene,
+    pub(crate) lights: &'a Lights,
     /// Of surfaces.
     pub(crate) octets: &'a [Octet],
     pub(crate) settings: &'a RenderSettings,
@@ -158,7 +158,8 @@ impl Resolver<'_> {
             let cloud = cut.cloud[open.trailing_zeros() as usize % PIXELS];
             let own = clouds.simd_eq(u32x16::simd_from(simd, cloud));
             open &= !own.to_bitmask();
-            let shaded = self.shaders[cloud as usize].shade_wide(simd, base, normal, position);
+            let shader = self.lights.on(self.scene.clouds[cloud as usize].material());
+            let shaded = shader.shade_wide(simd, base, normal, position);
             color = [0, 1, 2].each(
                 #[inline(always)]
                 |i| own.select(shaded[i], color[i]),

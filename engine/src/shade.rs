@@ -14,14 +14,21 @@ enum Source {
     At(Vec3, Vec3),
 }
 
-/// The scene's lights in camera space and a material.
+/// A scene's lights in camera space.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Lights {
+    ambient: Vec3,
+    sources: Vec<Source>,
+    parallel_rays: bool,
+}
+
+/// How a material answers a scene's lights.
 #[derive(Clone, Debug)]
-pub(crate) struct Shader {
+pub(crate) struct Shader<'a> {
     material: Material,
     /// What the base colour is multiplied by wherever a point is: its emission and ambient light.
     everywhere: Vec3,
-    sources: Vec<Source>,
-    parallel_rays: bool,
+    lights: &'a Lights,
 }
 
 /// A highlight: its coefficient and exponent, and what makes the normal's length 1.
@@ -48,8 +55,8 @@ fn mean_cosine<S: Simd, F: Floats<S>>(simd: S, length: F, cosine: F, facing: F) 
     length.simd_gt(zero).select(((either + signed) * 0.5).max(zero), zero)
 }
 
-impl Shader {
-    pub(crate) fn new(scene: &Scene, camera: &Camera, material: Material) -> Self {
+impl Lights {
+    pub(crate) fn new(scene: &Scene, camera: &Camera) -> Self {
         let world_to_camera = camera.pose().world_to_camera;
         let mut ambient = Vec3::ZERO;
         let mut sources = Vec::new();
@@ -71,10 +78,16 @@ impl Shader {
             sources.push(Source::Towards((-DVec3::Z).as_vec3(), Vec3::ONE));
         }
         let parallel_rays = camera.projection() == Projection::Orthographic;
-        let everywhere = material.emission + ambient * material.ambient;
-        Self { material, everywhere, sources, parallel_rays }
+        Self { ambient, sources, parallel_rays }
     }
 
+    /// On a material.
+    pub(crate) fn on(&self, material: Material) -> Shader<'_> {
+        Shader { material, everywhere: material.emission + self.ambient * material.ambient, lights: self }
+    }
+}
+
+impl Shader<'_> {
     /// As [`Self::shade`], for a point that has no sides: the normal is turned to the viewer. The mean of several normals, shorter
     /// than 1, returns less light, in a wider highlight.
     pub(crate) fn shade_two_sided(&self, base: [f32; 3], normal: Vec3, position: Vec3) -> [f32; 3] {
@@ -83,7 +96,7 @@ impl Shader {
     }
 
     fn to_eye(&self, position: Vec3) -> Vec3 {
-        if self.parallel_rays { -Vec3::Z } else { (-position).normalize_or_zero() }
+        if self.lights.parallel_rays { -Vec3::Z } else { (-position).normalize_or_zero() }
     }
 
     /// The colour sent to the camera by a point with a base colour and a normal, of length 1 or less, on the side that is
@@ -95,7 +108,7 @@ impl Shader {
         let to_eye = self.to_eye(position);
         let mut light = self.everywhere;
         let mut mirrored = Vec3::ZERO;
-        for source in &self.sources {
+        for source in &self.lights.sources {
             let (towards, color) = match *source {
                 Source::Towards(direction, color) => (direction, color),
                 Source::At(place, color) => ((place - position).normalize_or_zero(), color),
@@ -196,7 +209,7 @@ impl Shader {
 
     #[inline(always)]
     fn to_eye_wide<S: Simd, F: Floats<S>>(&self, simd: S, position: [F; 3]) -> [F; 3] {
-        if self.parallel_rays {
+        if self.lights.parallel_rays {
             splat3(simd, [0.0, 0.0, -1.0])
         } else {
             normalize_or_zero(
@@ -236,7 +249,7 @@ impl Shader {
         let mut highlight = splat3(simd, [0.0; 3]);
         if self.is_lit() {
             let to_eye = self.to_eye_wide(simd, position);
-            for source in &self.sources {
+            for source in &self.lights.sources {
                 let (towards, color) = match *source {
                     Source::Towards(direction, color) => (splat3(simd, direction.to_array()), color),
                     Source::At(place, color) => {
@@ -304,7 +317,8 @@ mod tests {
                 Material { exponent: 0.0, emission: 0.4, ..Material::default() },
             ] {
                 let scene = Scene { clouds: Vec::new(), lights: lights.clone() };
-                let shader = Shader::new(&scene, &camera, material);
+                let of_scene = Lights::new(&scene, &camera);
+                let shader = of_scene.on(material);
                 let normals: [Vec3; 8] = std::array::from_fn(|i| {
                     let i = i as f32;
                     if i == 0.0 { Vec3::ZERO } else { Vec3::new(i.sin(), i.cos(), 1.0 - i / 3.0).normalize() }

@@ -116,7 +116,7 @@ mod tests {
     use crate::footprint::{Lens, Records, SceneProjector};
     use crate::raster::{KernelLens, Kernels};
     use crate::scene::{FootprintForm, Scene};
-    use crate::shade::Shader;
+    use crate::shade::Lights;
     use crate::tile::pixels;
     use crate::view::SceneView;
     use glam::{DVec3, Mat3, Quat, Vec3};
@@ -170,10 +170,10 @@ mod tests {
             if visible.is_empty() || lead == f32::INFINITY {
                 return Ok(());
             }
-            let shaders = [Shader::new(&scene, &camera, Material::default())];
+            let lights = Lights::new(&scene, &camera);
             let closing = Closing::Centers { alike: 0.0 };
             let level = Level::Baseline;
-            let projector = SceneProjector { view, shaders: &shaders, closing, looked: None, tile_side: 16, level };
+            let projector = SceneProjector { view, lights: &lights, closing, looked: None, tile_side: 16, level };
             let mut records = Records::default();
             records.append(&projector, &visible, &[0]);
             let count = records.len();

@@ -18,7 +18,7 @@ use crate::cull::{Frustum, VisibleRange};
 use crate::grow::grow;
 use crate::occlusion::Looked;
 use crate::order::Run;
-use crate::shade::Shader;
+use crate::shade::Lights;
 use crate::simd::Level;
 use crate::view::SceneView;
 use rayon::prelude::*;
@@ -328,8 +328,7 @@ impl Records {
 /// Projects the ranges of a scene.
 pub(crate) struct SceneProjector<'a> {
     pub(crate) view: SceneView<'a>,
-    /// One a cloud.
-    pub(crate) shaders: &'a [Shader],
+    pub(crate) lights: &'a Lights,
     pub(crate) closing: Closing,
     /// Of what is drawn of surfaces, if that hides volumes.
     pub(crate) looked: Option<&'a Looked>,
@@ -340,11 +339,12 @@ pub(crate) struct SceneProjector<'a> {
 
 impl SceneProjector<'_> {
     fn of(&self, range: &VisibleRange) -> Projector<'_> {
-        let Self { view, shaders, closing, looked, tile_side, .. } = *self;
+        let Self { view, lights, closing, looked, tile_side, .. } = *self;
         let SceneView { scene, camera, settings } = view;
         let (lens, frustum) = (view.lens(), Frustum::new(camera));
         let view = View { camera, settings, lens, frustum, closing, looked, tile_side: tile_side as f32 };
-        Projector::new(&scene.clouds[range.cloud], range, &shaders[range.cloud], view)
+        let cloud = &scene.clouds[range.cloud];
+        Projector::new(cloud, range, lights.on(cloud.material()), view)
     }
 }
 

@@ -53,7 +53,7 @@ pub(super) struct Projector<'a> {
     /// Of the level whose splats are projected.
     pub(super) columns: &'a Columns,
     pub(super) cloud_index: u16,
-    pub(super) shader: &'a Shader,
+    pub(super) shader: Shader<'a>,
     pub(super) view: View<'a>,
     pub(super) cloud_to_camera: DAffine3,
     pub(super) camera_to_cloud: DAffine3,
@@ -69,7 +69,7 @@ pub(super) struct Projector<'a> {
 
 impl<'a> Projector<'a> {
     /// Projects splats of a range of a cloud.
-    pub(super) fn new(cloud: &'a Cloud, range: &VisibleRange, shader: &'a Shader, view: View<'a>) -> Self {
+    pub(super) fn new(cloud: &'a Cloud, range: &VisibleRange, shader: Shader<'a>, view: View<'a>) -> Self {
         let cloud_to_camera = view.camera.pose().world_to_camera * cloud.cloud_to_world();
         let linear = cloud_to_camera.matrix3;
         let determinant = linear.determinant().abs();

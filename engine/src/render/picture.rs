@@ -10,7 +10,7 @@ use crate::layers::LayerBuilder;
 use crate::pass::Pass;
 use crate::raster::{KernelLens, Surfaces, SurfelLens, reach_to_cuts};
 use crate::resolve::Resolver;
-use crate::scene::{Baseline, Scene};
+use crate::scene::Baseline;
 use crate::tile::Tile;
 use std::mem::take;
 use std::sync::Mutex;
@@ -113,9 +113,8 @@ impl Renderer {
         if self.visible.surfaces.is_empty() { &[] } else { self.drawn.surfaces.lists.tile(index) }
     }
 
-    fn all_have_sides(&self, scene: &Scene) -> bool {
-        let clouds = scene.clouds.iter().zip(&self.cloud_surfaces);
-        clouds.filter(|(cloud, _)| cloud.is_surface()).all(|(_, surface)| surface.has_sides)
+    fn all_have_sides(&self) -> bool {
+        self.visible.surfaces.iter().all(|range| self.cloud_surfaces[range.cloud].has_sides)
     }
 
     fn tile_drawer<'a>(&'a self, shared: Shared<'a>) -> TileDrawer<'a> {
@@ -133,7 +132,7 @@ impl Renderer {
                     octets,
                     own_rects,
                     clouds: &self.cloud_surfaces,
-                    all_have_sides: self.all_have_sides(view.scene),
+                    all_have_sides: self.all_have_sides(),
                 },
                 lens: SurfelLens::new(&lens, near, settings.outline as f32),
                 least_transmittance,
@@ -158,7 +157,8 @@ impl Renderer {
                 keeps_depth: settings.channels == Channels::All,
             },
             resolver: Resolver {
-                shaders: &self.shaders,
+                scene: view.scene,
+                lights: &self.lights,
                 octets,
                 settings,
                 lens,

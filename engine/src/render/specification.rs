@@ -461,8 +461,8 @@ fn compare(scene: &Scene, camera: &Camera, settings: &RenderSettings, level: Lev
     let mut volumes = Records::default();
     let view = SceneView { scene, camera, settings };
     let closing = Closing::new(view, &renderer.visible.volumes).unwrap();
-    let (shaders, looked) = (&renderer.shaders, None);
-    let projector = SceneProjector { view, shaders, closing, looked, tile_side: 16, level };
+    let (lights, looked) = (&renderer.lights, None);
+    let projector = SceneProjector { view, lights, closing, looked, tile_side: 16, level };
     let all: Vec<u32> = (0..renderer.visible.volumes.len() as u32).collect();
     volumes.append(&projector, &renderer.visible.volumes, &all);
     let records = [&renderer.drawn.surfaces.records, &volumes];

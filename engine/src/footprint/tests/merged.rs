@@ -3,7 +3,7 @@
 use super::*;
 use crate::camera::{Camera, Pose};
 use crate::closed::Closed;
-use crate::cloud::{Cloud, Shapes, Splats, Strength, Surface, oblate_factor};
+use crate::cloud::{Cloud, Material, Shapes, Splats, Strength, Surface, oblate_factor};
 use glam::DVec3;
 use setups::transform;
 use std::sync::LazyLock;
@@ -80,11 +80,11 @@ fn is_projected_as_one_is(case: &Case) -> Result<(), TestCaseError> {
     };
     let settings = RenderSettings::default();
     let scene = Scene { clouds: vec![cloud], lights: Vec::new() };
-    let shaders = [Shader::new(&scene, &camera, Material::default())];
+    let lights = Lights::new(&scene, &camera);
     let view = SceneView { scene: &scene, camera: &camera, settings: &settings };
     let projectors = SceneProjector {
         view,
-        shaders: &shaders,
+        lights: &lights,
         closing: Closing::Centers { alike: 0.0 },
         looked: None,
         tile_side: 16,

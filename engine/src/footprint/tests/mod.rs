@@ -6,7 +6,7 @@ mod setups;
 
 use super::*;
 use crate::camera::Projection;
-use crate::cloud::{Material, OpacityFilter};
+use crate::cloud::OpacityFilter;
 use crate::columns::LANES;
 use crate::cull::find_affordable;
 use crate::scene::{RenderSettings, Scene};
@@ -82,11 +82,11 @@ fn check(setup: &Setup, splats: &[Seen]) -> Result<(), TestCaseError> {
     let camera = camera(setup);
     let cloud = cloud(setup, splats, &camera);
     let scene = Scene { clouds: vec![cloud], lights: Vec::new() };
-    let shaders = [Shader::new(&scene, &camera, Material::default())];
+    let lights = Lights::new(&scene, &camera);
     let view = SceneView { scene: &scene, camera: &camera, settings: &setup.settings };
     let projectors = SceneProjector {
         view,
-        shaders: &shaders,
+        lights: &lights,
         closing: Closing::Centers { alike: 0.0 },
         looked: None,
         tile_side: 16,
@@ -149,12 +149,12 @@ fn what_is_fainter_than_the_tolerance_is_not_drawn() {
     };
     let camera = camera(&setup);
     let scene = Scene { clouds: vec![cloud(&setup, &[splat], &camera)], lights: Vec::new() };
-    let shaders = [Shader::new(&scene, &camera, Material::default())];
+    let lights = Lights::new(&scene, &camera);
     let settings = &setup.settings;
     let view = SceneView { scene: &scene, camera: &camera, settings };
     let projectors = SceneProjector {
         view,
-        shaders: &shaders,
+        lights: &lights,
         closing: Closing::Centers { alike: 0.0 },
         looked: None,
         tile_side: 16,
