@@ -2,12 +2,13 @@
 
 use crate::front::{MARGIN, Standing, front};
 use crate::methods::{Family, Method, methods, way};
+use crate::rgba::{channels, compare_channels};
 use crate::scenes::{Known, Peer, Scale, Subject};
 use crate::windows::{Window, Windows};
 use oblate_engine::color::{linear_to_srgb, srgb_to_linear};
 use oblate_engine::{
-    Blend, CameraError, Channels, Counts, Frame, Metrics, MetricsError, Observer, Pixels, ReferenceKind,
-    RenderSettings, Renderer, Scene, SceneError, Stage, compare, reference, settle,
+    Blend, CameraError, Channels, Counts, Frame, MetricsError, Observer, ReferenceKind, RenderSettings,
+    Renderer, Scene, SceneError, Stage, reference, settle,
 };
 use serde::Serialize;
 use std::sync::{Mutex, PoisonError};
@@ -101,7 +102,7 @@ pub struct Row {
     pub standing: [Standing; 2],
 }
 
-/// How far pictures are apart, in values of the space of blending, where white is 1.
+/// How far pictures are apart, in values of the space of blending, where white is 1; alpha counts where a picture has any that is not opaque.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Errors {
     /// Null where nothing differs.
@@ -171,13 +172,14 @@ impl Truth {
                 }
             }
         }
-        let metrics = compare_in(self.windows.size(), &found, &self.values)?;
+        let channels = channels(&found, &self.values);
+        let metrics = compare_channels(channels, self.windows.size(), &found, &self.values)?;
         // Structures don't reach from one part into the next.
         let own = self.windows.parts[0].size.to_array().map(|side| side as usize);
         let mut ssim = 0.0;
         for number in 0..self.windows.parts.len() {
             let [found, right] = [&found, &self.values].map(|all| self.windows.part(all, number));
-            ssim += compare_in(own, &found, &right)?.ssim;
+            ssim += compare_channels(channels, own, &found, &right)?.ssim;
         }
         Ok(Errors {
             psnr_db: Some(metrics.psnr_db).filter(|db| db.is_finite()),
@@ -187,16 +189,6 @@ impl Truth {
             ssim: ssim / self.windows.parts.len() as f64,
         })
     }
-}
-
-fn compare_in(
-    [width, height]: [usize; 2],
-    found: &[[f32; 4]],
-    right: &[[f32; 4]],
-) -> Result<Metrics, MetricsError> {
-    let [found, right] =
-        [found, right].map(|values| Pixels { width, height, channels: 4, values: values.as_flattened() });
-    compare(found, right)
 }
 
 /// A frame's values in the space of blending: linear light or display-encoded, premultiplied.

@@ -8,7 +8,9 @@ use crate::stability::{Bound, Case, Findings};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
+use std::collections::HashSet;
 use std::fmt::Write;
+use std::iter::once;
 
 /// Where and by what it was measured.
 #[derive(Clone, Debug, Serialize)]
@@ -51,21 +53,22 @@ pub struct File {
 }
 
 impl Report<'_> {
-    /// The page `report.html`, all charts as SVG and PNG, and all numbers as `chart.json`.
+    /// The page `report.html`, all charts as SVG and PNG, and all numbers as `chart.json`. Subjects of one name are numbered.
     ///
     /// # Errors
     /// When a chart can't be drawn.
     pub fn files(&self) -> Result<Vec<File>, PlotError> {
+        let all = uniquely_named(self.measured);
         let mut files = Vec::new();
         let mut page = head(self.machine);
-        if !self.measured.is_empty() {
+        if !all.is_empty() {
             page += WORDS;
-            page += &advice(self.measured);
-            if self.measured.len() > 1 {
-                page += &kept(&mut files, "overview", crate::plot::overview(self.measured)?);
+            page += &advice(&all);
+            if all.len() > 1 {
+                page += &kept(&mut files, "overview", crate::plot::overview(&all)?);
             }
         }
-        for measured in self.measured {
+        for measured in &all {
             page += &subject(measured, &mut files)?;
         }
         if !self.failures.is_empty() {
@@ -76,11 +79,11 @@ impl Report<'_> {
         }
         page += "</main></body></html>\n";
         files.push(File { name: "report.html".into(), content: page.into_bytes() });
-        files.push(File { name: "chart.json".into(), content: self.json() });
+        files.push(File { name: "chart.json".into(), content: self.json(&all) });
         Ok(files)
     }
 
-    fn json(&self) -> Vec<u8> {
+    fn json(&self, subjects: &[Measured]) -> Vec<u8> {
         #[derive(Serialize)]
         struct All<'a> {
             format: u32,
@@ -104,9 +107,21 @@ impl Report<'_> {
             criterion,
             findings,
         });
-        let all = All { format: 1, machine: self.machine, subjects: self.measured, cases: cases.collect() };
+        let all = All { format: 1, machine: self.machine, subjects, cases: cases.collect() };
         serde_json::to_vec_pretty(&all).unwrap_or_default()
     }
+}
+
+/// Subjects under names that differ, and so do their files', where capitals are no difference: `scene`, `scene-2`.
+fn uniquely_named(all: &[Measured]) -> Vec<Measured> {
+    let mut taken = HashSet::new();
+    let named = |measured: &Measured| {
+        let numbered = (2..).map(|number| format!("{}-{number}", measured.name));
+        let mut names = once(measured.name.clone()).chain(numbered);
+        let name = names.find(|name| taken.insert(file_name(name).to_ascii_lowercase()));
+        Measured { name: name.unwrap_or_default(), ..measured.clone() }
+    };
+    all.iter().map(named).collect()
 }
 
 /// Keeps a chart's files, and gives the chart for the page.
@@ -363,4 +378,27 @@ fn png(picture: &Picture) -> Vec<u8> {
     let written = encoder.write_header().and_then(|mut writer| writer.write_image_data(&bytes));
     debug_assert!(written.is_ok(), "{written:?}");
     file
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn subjects_of_one_name_are_numbered() {
+        let named = |name: &str| Measured {
+            name: name.into(),
+            about: String::new(),
+            splats: 0,
+            size: [1; 2],
+            references: ["R1".into(), "R2".into()],
+            windows: [vec![], vec![]],
+            variation: 1.1,
+            rows: vec![],
+            pictures: vec![],
+        };
+        let all = ["scene", "head", "scene", "a b", "a-b", "scene-2", "Head", "scene"].map(named);
+        let names: Vec<String> = uniquely_named(&all).into_iter().map(|one| one.name).collect();
+        assert_eq!(names, ["scene", "head", "scene-2", "a b", "a-b-2", "scene-2-2", "Head-2", "scene-3"]);
+    }
 }

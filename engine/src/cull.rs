@@ -215,10 +215,14 @@ fn find_visible(
                 first_id,
                 near: camera.near(),
                 reach,
-                allowance: allowance(cloud.levels(), settings.tolerance) * settings.level_of_detail * widening
+                allowance: allowance(cloud.levels(), settings.tolerance)
+                    * settings.level_of_detail
+                    * widening
                     / stretch,
                 closest: AROUND_THE_EYE * (1.0 - widening.recip()),
-                hides_backs_from: cloud.is_closed_for(camera).then(|| Viewer::of(&cloud_to_camera, perspective)),
+                hides_backs_from: cloud
+                    .is_closed_for(camera)
+                    .then(|| Viewer::of(&cloud_to_camera, perspective)),
             };
             for cluster in 0..clusters.len() {
                 culled += search.visit((top, top), cluster, 0.0, visible);

@@ -11,6 +11,7 @@
 //! at most of them.
 
 mod list;
+mod parted;
 mod search;
 mod sums;
 
@@ -36,8 +37,19 @@ struct Peel<S: Simd> {
     previous: W<S>,
     /// The limit of the layer behind which nothing is seen; ∞ before there is one, −∞ beside the picture.
     end: W<S>,
+    /// How thick a layer is that begins with the first sample's cloud, and that cloud's coverage floor.
+    tolerance: W<S>,
+    floor: W<S>,
     /// Whether the layer takes every sample that is left.
     takes_all: bool,
+}
+
+/// What a layer takes of a record: weights, how far behind the first samples they are, whether it leaves any, and how often that asked for spans.
+struct Own<S: Simd> {
+    weight: W<S>,
+    behind: W<S>,
+    has_others: bool,
+    asks: u64,
 }
 
 /// A block of pixels.
@@ -151,6 +163,8 @@ impl LayerBuilder<'_> {
             cloud: no_number,
             previous: -infinity,
             end: wanted,
+            tolerance: infinity,
+            floor: infinity,
             takes_all: false,
         };
         let mut seen_through = SeenThrough::all(simd);
@@ -174,6 +188,13 @@ impl LayerBuilder<'_> {
                 #[inline(always)]
                 || self.sum_up(simd, (batches, here), (rest, listed.all()), (&peel, &mut sums)),
             );
+            if self.may_be_two(simd, &peel, &sums).any_true() {
+                apart(
+                    simd,
+                    #[inline(always)]
+                    || self.part(simd, (batches, here), listed.all(), (&peel, &mut sums)),
+                );
+            }
             let cut = cuts.next();
             let [found, goes_on] = apart(
                 simd,
@@ -201,7 +222,7 @@ impl LayerBuilder<'_> {
         (rest, listed): (&mut [u64], &[Listed]),
         (peel, sums): (&Peel<S>, &mut Sums<S>),
     ) -> u64 {
-        let (zero, infinity) = (W::simd_from(simd, 0.0), W::simd_from(simd, f32::INFINITY));
+        let infinity = W::simd_from(simd, f32::INFINITY);
         let is_open = peel.record.simd_ne(u32x16::simd_from(simd, Cut::NO_NUMBER));
         let farthest = is_open.select(peel.limit, -infinity).reduce_max();
         let mut evaluated = 0;
@@ -210,32 +231,54 @@ impl LayerBuilder<'_> {
         let adding = if holds_sixteen::<S>() { &mut own_sums } else { &mut *sums };
         for candidate in listed.iter().filter(|candidate| candidate.nearest <= farthest) {
             let (surfels, number) = candidate.of(batches);
-            let surfel = surfels.get(number);
-            let depth = candidate.depth.load(simd);
-            let mut weight = candidate.weight.load(simd);
-            // Only where what is seen begins behind the limit it matters where the plane is: spans begin there or before.
-            let is_seen = weight.simd_gt(zero);
-            let mut has_others = false;
-            let is_own = depth.simd_le(peel.limit + surfel.least_reach);
-            if (is_seen & !is_own).any_true() {
-                evaluated += 1;
-                let sample = surfel.sample(simd, here.pixels, &self.lens);
-                let nearest = surfels.slant(number).nearest(simd, here.pixels, (&sample, &self.lens));
-                let own = is_own | nearest.simd_le(peel.limit);
-                has_others = (is_seen & !own).any_true();
-                weight = own.select(weight, zero);
-            }
+            let Own { weight, behind, has_others, asks } = self.own(simd, (batches, here), candidate, peel);
+            evaluated += asks;
             if !has_others {
                 rest[candidate.batch as usize] &= !(1 << candidate.number);
             }
-            // Where nothing is seen the difference may be infinite.
-            let behind = is_seen.select(depth - peel.depth, zero);
-            adding.add(simd, (surfel, surfels.look(number)), [weight, behind]);
+            adding.add(simd, (surfels.get(number), surfels.look(number)), [weight, behind]);
         }
         if holds_sixteen::<S>() {
             *sums = own_sums;
         }
         evaluated
+    }
+
+    /// What the layer takes of a record.
+    #[inline(always)]
+    fn own<S: Simd>(
+        &self,
+        simd: S,
+        (batches, here): (&[Surfels], Here<S>),
+        candidate: &Listed,
+        peel: &Peel<S>,
+    ) -> Own<S> {
+        let zero = W::simd_from(simd, 0.0);
+        let (surfels, number) = candidate.of(batches);
+        let surfel = surfels.get(number);
+        let depth = candidate.depth.load(simd);
+        let weight = candidate.weight.load(simd);
+        let is_seen = weight.simd_gt(zero);
+        // Where nothing is seen the difference may be infinite.
+        let behind = is_seen.select(depth - peel.depth, zero);
+        // Only where what is seen begins behind the limit it matters where the plane is: spans begin there or before.
+        let is_own = depth.simd_le(peel.limit + surfel.least_reach);
+        if !(is_seen & !is_own).any_true() {
+            return Own { weight, behind, has_others: false, asks: 0 };
+        }
+        let sample = surfel.sample(simd, here.pixels, &self.lens);
+        let nearest = surfels.slant(number).nearest(simd, here.pixels, (&sample, &self.lens));
+        let own = is_own | nearest.simd_le(peel.limit);
+        let has_others = (is_seen & !own).any_true();
+        Own { weight: own.select(weight, zero), behind, has_others, asks: 1 }
+    }
+
+    /// What fronts and what backs cover of a layer, by its sums and cloud; of one without sides all counts as fronts.
+    #[inline(always)]
+    fn coverage<S: Simd>(&self, simd: S, (sums, cloud): (&Sums<S>, u32x16<S>)) -> [W<S>; 2] {
+        let has_sides = self.have_sides(simd, cloud);
+        let zero = W::simd_from(simd, 0.0);
+        [has_sides.select(sums.front.weight, sums.weight()), has_sides.select(sums.back.weight, zero)]
     }
 
     /// Of which pixels the layer's cloud has sides.
@@ -269,8 +312,7 @@ impl LayerBuilder<'_> {
         let found = peel.record.simd_ne(no_number);
         // Seen exactly edge-on a plane covers nothing, and hides nothing.
         let inverse = weight.simd_gt(W::simd_from(simd, 1e-30)).select(one / weight, zero);
-        let has_sides = self.have_sides(simd, peel.cloud);
-        let coverage = [has_sides.select(front.weight, weight), has_sides.select(back.weight, zero)];
+        let coverage = self.coverage(simd, (sums, peel.cloud));
         let [opacity, inverse_of_shown] = sums.opacity(simd, coverage[0].max(coverage[1]).min(one), inverse);
         let coverage = coverage.each(
             #[inline(always)]

@@ -6,7 +6,7 @@ use crate::picture::{Format, Picture, Unit, write_levels};
 use crate::progress::complain;
 use anyhow::{Result, ensure};
 use clap::Args;
-use oblate::engine::metrics::{Pixels, compare};
+use oblate::chart::rgba::compare_rgba;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -23,7 +23,8 @@ pub(crate) struct CompareArgs {
     /// Exits with 1 if the largest error is beyond this, in levels for PNG, linear for EXR
     #[arg(long, value_name = "E", allow_hyphen_values = true)]
     max: Option<f64>,
-    /// Writes the absolute differences as a PNG, scaled so that the largest is white
+    /// Writes the absolute differences of colours as a PNG, scaled so that the largest is white; if no colour differs,
+    /// those of alpha as grey
     #[arg(long, value_name = "FILE")]
     diff: Option<PathBuf>,
 }
@@ -49,12 +50,7 @@ pub(crate) fn run(args: &CompareArgs) -> Result<ExitCode> {
         size(&b)
     );
 
-    let opaque = |p: &Picture| p.values.iter().all(|v| v[3] == 1.0);
-    let channels = if opaque(&a) && opaque(&b) { 3 } else { 4 };
-    let [a_values, b_values] =
-        [&a, &b].map(|p| p.values.iter().flat_map(|v| v[..channels].to_vec()).collect::<Vec<f32>>());
-    let pixels = |values| Pixels { width: a.width, height: a.height, channels, values };
-    let metrics = compare(pixels(&a_values), pixels(&b_values))?;
+    let metrics = compare_rgba([a.width, a.height], &a.values, &b.values)?;
 
     let (shown, unit): (fn(f64) -> f32, _) = match a.unit {
         // 16 bits resolve 1/257 of a level; what is finer comes from levels as f32.
@@ -71,13 +67,7 @@ pub(crate) fn run(args: &CompareArgs) -> Result<ExitCode> {
         shown(metrics.mean_error),
     ))?;
     if let Some(output) = diff {
-        let white = if metrics.max_error > 0.0 { metrics.max_error as f32 } else { 1.0 };
-        let levels: Vec<[u8; 3]> = a
-            .values
-            .iter()
-            .zip(&b.values)
-            .map(|(p, q)| [0, 1, 2].map(|c| ((p[c] - q[c]).abs() / white * 255.0).round() as u8))
-            .collect();
+        let levels = differences(&a.values, &b.values);
         output.finish(|file| write_levels([a.width, a.height], &levels, file))?;
     }
     match args.max {
@@ -86,5 +76,36 @@ pub(crate) fn run(args: &CompareArgs) -> Result<ExitCode> {
             Ok(ExitCode::from(1))
         }
         _ => Ok(ExitCode::SUCCESS),
+    }
+}
+
+/// Of colours, or of alpha as grey where all colours are the same, scaled so that the largest is 255.
+fn differences(a: &[[f32; 4]], b: &[[f32; 4]]) -> Vec<[u8; 3]> {
+    let apart = |channels: [usize; 3]| -> Vec<[f64; 3]> {
+        a.iter().zip(b).map(|(p, q)| channels.map(|c| (f64::from(p[c]) - f64::from(q[c])).abs())).collect()
+    };
+    let largest = |apart: &[[f64; 3]]| apart.as_flattened().iter().copied().fold(0.0, f64::max);
+    let mut shown = apart([0, 1, 2]);
+    if largest(&shown) == 0.0 {
+        shown = apart([3; 3]);
+    }
+    let white = largest(&shown);
+    let scale = if white > 0.0 { 255.0 / white } else { 0.0 };
+    shown.iter().map(|pixel| pixel.map(|apart| (apart * scale).round() as u8)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::differences;
+
+    #[test]
+    fn differences_are_scaled_by_what_is_shown() {
+        let a = [[0.5, 0.5, 0.5, 1.0]; 2];
+        // Alpha differs most, but is not shown beside colours.
+        let colors = [[1.0, 0.5, 0.4, 0.1], [0.5, 0.5, 0.5, 1.0]];
+        assert_eq!(differences(&a, &colors), [[255, 0, 51], [0; 3]]);
+        let alpha = [[0.5, 0.5, 0.5, 0.9], [0.5, 0.5, 0.5, 0.5]];
+        assert_eq!(differences(&a, &alpha), [[51; 3], [255; 3]]);
+        assert_eq!(differences(&a, &a), [[0; 3]; 2]);
     }
 }

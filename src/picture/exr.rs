@@ -14,7 +14,7 @@
 use super::{Picture, Unit};
 use crate::output::WriteSeek;
 use ::exr::prelude::*;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use oblate::engine::Frame;
 use std::io::Cursor;
 
@@ -56,6 +56,14 @@ pub(super) fn read_picture(bytes: &[u8]) -> Result<Picture> {
         .all_attributes()
         .from_buffered(Cursor::new(bytes))?;
     let layer = image.layer_data;
+    let (data, shown) = (layer.absolute_bounds(), image.attributes.display_window);
+    let window = |w: IntegerBounds| format!("{}×{} at {},{}", w.size.0, w.size.1, w.position.0, w.position.1);
+    ensure!(
+        data == shown,
+        "its data are {} of a picture of {} (pixels); cropped pictures are not read",
+        window(data),
+        window(shown)
+    );
     let named = |name: &str| -> Option<Vec<f32>> {
         let channel = layer.channel_data.list.iter().find(|c| c.name == *name)?;
         Some(channel.sample_data.values_as_f32().collect())
@@ -66,4 +74,33 @@ pub(super) fn read_picture(bytes: &[u8]) -> Result<Picture> {
     let a = named("A").unwrap_or_else(|| vec![1.0; r.len()]);
     let values = r.into_iter().zip(g).zip(b).zip(a).map(|(((r, g), b), a)| [r, g, b, a]).collect();
     Ok(Picture { width: layer.size.width(), height: layer.size.height(), values, unit: Unit::Linear })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cropped_pictures_are_refused() {
+        let read = |shown: IntegerBounds| {
+            let channel = |name: &str| AnyChannel::new(name, FlatSamples::F32(vec![0.5; 6]));
+            let channels = AnyChannels::sort(["R", "G", "B"].map(channel).into_iter().collect());
+            let attributes = LayerAttributes { layer_position: Vec2(5, 3), ..LayerAttributes::default() };
+            let layer = Layer::new((3, 2), attributes, Encoding::SMALL_LOSSLESS, channels);
+            let mut file = Cursor::new(Vec::new());
+            let mut image = Image::from_layer(layer);
+            image.attributes.display_window = shown;
+            image.write().to_buffered(&mut file).unwrap();
+            read_picture(file.get_ref())
+        };
+        let whole = read(IntegerBounds::new((5, 3), (3, 2))).unwrap();
+        assert_eq!((whole.width, whole.height, whole.values), (3, 2, vec![[0.5, 0.5, 0.5, 1.0]; 6]));
+        for (shown, says) in [
+            (IntegerBounds::from_dimensions((60, 50)), "3×2 at 5,3 of a picture of 60×50 at 0,0"),
+            (IntegerBounds::from_dimensions((3, 2)), "3×2 at 5,3 of a picture of 3×2 at 0,0"),
+        ] {
+            let message = read(shown).unwrap_err().to_string();
+            assert!(message.contains(says) && message.contains("cropped"), "{message}");
+        }
+    }
 }

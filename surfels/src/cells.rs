@@ -38,6 +38,8 @@ pub(crate) struct Rule {
     pub(crate) level: u32,
     /// What faces elsewhere than the rest of a sheet, by more than the angle of this cosine, is of another.
     pub(crate) least_cosine: f64,
+    /// Once a cell has so many sheets, parts of the mesh don't begin new ones.
+    pub(crate) most_sheets: usize,
     /// Added to the covariance of what a surfel owns, in squared widths of the grading.
     pub(crate) blur: f64,
 }
@@ -172,11 +174,18 @@ struct Cells {
 
 struct Sheet {
     share: Share,
-    /// Whether it is of parts that nothing can be seen through: one surfel that stood for such and for others would let
-    /// through what is behind both.
-    is_opaque: bool,
+    kind: Kind,
     /// The one before it in its cell.
     before: u32,
+}
+
+/// What pieces of one sheet have in common.
+#[derive(Clone, Copy, PartialEq)]
+struct Kind {
+    /// The part of the mesh that they are of: a poster is not of the wall behind it, however near.
+    part: u32,
+    /// Whether nothing can be seen through it: one surfel that stood for such and for others would let through what is behind both.
+    is_opaque: bool,
 }
 
 impl Default for Cells {
@@ -201,13 +210,13 @@ impl Cells {
         for entry in block {
             let facet = &facets.facets[entry.facet as usize];
             let facing = facet.normal.as_dvec3();
-            let is_opaque = look.is_opaque(facet);
+            let kind = Kind { part: facet.part, is_opaque: look.is_opaque(facet) };
             let corners = facets.corners(facet).map(|p| p / side - origin);
             let look = look.of(facet, side);
             let most_area = f64::from(look.most_area());
             divider.divide(&corners, [UVec3::ZERO, UVec3::splat(SIDE - 1)], &mut |cell, polygon| {
                 let middle = cell.as_dvec3() + 0.5;
-                let share = self.sheet(cell, (facing, is_opaque), rule);
+                let share = self.sheet(cell, (facing, kind), rule);
                 for pair in polygon[1..].windows(2) {
                     let triangle = [polygon[0], pair[0], pair[1]];
                     let area = share.add(triangle.map(|p| p - middle), facing);
@@ -232,21 +241,30 @@ impl Cells {
         surfels
     }
 
-    /// The sheet of a cell that faces most nearly as a piece does, of those that are as opaque; a new one if all face elsewhere.
-    fn sheet(&mut self, cell: UVec3, (facing, is_opaque): (DVec3, bool), rule: Rule) -> &mut Share {
+    /// The sheet of a cell that faces most nearly as a piece does, of those of its kind; a new one if all face elsewhere. Where many parts meet in a
+    /// cell, later ones join those that are as opaque.
+    fn sheet(&mut self, cell: UVec3, (facing, kind): (DVec3, Kind), rule: Rule) -> &mut Share {
         let last = &mut self.last[morton(cell) as usize];
-        let (mut best, mut most, mut at) = (END, rule.least_cosine, *last);
+        // Of its part, and of any.
+        let (mut best, mut most, mut at) = ([END; 2], [rule.least_cosine; 2], *last);
+        let mut count = 0;
         while let Some(sheet) = self.sheets.get(at as usize) {
             let cosine = sheet.share.cosine(facing);
-            if sheet.is_opaque == is_opaque && cosine >= most {
-                (best, most) = (at, cosine);
+            for (which, fits) in
+                [sheet.kind == kind, sheet.kind.is_opaque == kind.is_opaque].into_iter().enumerate()
+            {
+                if fits && cosine >= most[which] {
+                    (best[which], most[which]) = (at, cosine);
+                }
             }
-            at = sheet.before;
+            (at, count) = (sheet.before, count + 1);
         }
+        let [own, any] = best;
+        let mut best = if own == END && count >= rule.most_sheets { any } else { own };
         if best == END {
             best = self.sheets.len() as u32;
             let before = std::mem::replace(last, best);
-            self.sheets.push(Sheet { share: Share::default(), is_opaque, before });
+            self.sheets.push(Sheet { share: Share::default(), kind, before });
         }
         &mut self.sheets[best as usize].share
     }

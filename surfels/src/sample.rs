@@ -56,6 +56,9 @@ pub const MESH_SURFEL_RADIUS: f32 = 0.7;
 /// The floor w₀ of the summed coverage that [`sample`] keeps three radii away from borders and creases.
 pub const MESH_COVERAGE_FLOOR: f32 = 0.86;
 
+/// Surfels of a cell from which on other parts of the mesh join those that there are.
+const MOST_SHEETS: usize = 8;
+
 /// Pieces that a mesh may be parted into, for each surfel it may have and for each of its triangles.
 const MOST_PIECES: [f64; 2] = [64.0, 2.0];
 
@@ -200,7 +203,7 @@ fn spread(
     let middle = (low + high) / 2.0;
     let textures = Textures::new(mesh);
     let grading = sight.map_or(Grading::EVEN, |sight| sight.grading);
-    let mut least_cosine = APART;
+    let (mut least_cosine, mut most_sheets) = (APART, MOST_SHEETS);
     loop {
         // A plane goes through as many cells as its shadows along the axes have areas.
         let cell = spacing * (extent.shadows / extent.area).sqrt();
@@ -220,12 +223,14 @@ fn spread(
         let margins = MARGINS * side(extent.level);
         let shift = (middle - low) / cell + margins;
         let end = (high - low) / cell + 2.0 * margins;
-        let rule = Rule { shift, end, grading, level: extent.level, least_cosine, blur: BLUR * BLUR };
+        let rule =
+            Rule { shift, end, grading, level: extent.level, least_cosine, most_sheets, blur: BLUR * BLUR };
         let found = surfels((&facets, &Appearance::new(&facets, &textures)), sight, rule);
         let count: usize = found.iter().map(Found::count).sum();
         if count > max {
             if cell > (high - low).max_element() {
-                least_cosine = -1.0; // Few are wanted of what faces everywhere.
+                // Few are wanted of what faces everywhere, and of all parts.
+                (least_cosine, most_sheets) = (-1.0, 1);
             }
             spacing *= 1.01 * (count as f64 / max as f64).sqrt();
             continue;

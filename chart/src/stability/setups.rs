@@ -2,13 +2,13 @@
 
 use super::{Bound, Verdict};
 use crate::curves::Role;
+use crate::rgba::compare_rgba;
 use glam::{DAffine3, DVec2, DVec3, Mat3, Vec3};
 use oblate_engine::cloud::oblate_factor;
 use oblate_engine::footprint::{CameraSplat, Lens};
 use oblate_engine::{
-    Camera, Closed, Cloud, FootprintForm, Frame, Intrinsics, Material, Metrics, OpacityFilter, Order, Pixels,
-    Pose, Projection, ReferenceKind, RenderSettings, Scene, Shapes, Splats, Strength, Surface, compare,
-    reference, render,
+    Camera, Closed, Cloud, FootprintForm, Frame, Intrinsics, Material, Metrics, OpacityFilter, Order, Pose,
+    Projection, ReferenceKind, RenderSettings, Scene, Shapes, Splats, Strength, Surface, reference, render,
 };
 
 /// A level of 8 bits.
@@ -41,11 +41,9 @@ pub(super) fn truth(scene: &Scene, camera: &Camera, settings: &RenderSettings, k
     reference(scene, camera, settings, kind, &|_| ()).expect("settings of cases are in range")
 }
 
-/// How far two pictures are apart, alpha included.
+/// How far two pictures are apart; alpha counts where either has any that is not opaque.
 pub(super) fn apart(a: &Frame, b: &Frame) -> Metrics {
-    let [left, right] = [a, b].map(|frame| frame.color.as_flattened());
-    let picture = |values| Pixels { width: a.width, height: a.height, channels: 4, values };
-    compare(picture(left), picture(right)).expect("pictures of one size, finite")
+    compare_rgba([a.width, a.height], &a.color, &b.color).expect("pictures of one size, finite")
 }
 
 /// Extinction kernels of one shape and mass.

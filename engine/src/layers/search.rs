@@ -2,7 +2,7 @@
 
 use super::list::{List, Listed};
 use super::{Here, LayerBuilder, Peel};
-use crate::raster::{BATCH, Column, Surfels};
+use crate::raster::{BATCH, CloudSurface, Column, Surfels};
 use crate::simd::*;
 use crate::tile::{HALF_BLOCK, PIXELS};
 
@@ -201,8 +201,10 @@ impl LayerBuilder<'_> {
             let (surfels, number) = listed[place as usize].of(batches);
             let (slant, cloud) = (surfels.slant(number), surfels.get(number).cloud());
             let farthest = slant.farthest(simd, here.pixels, (peel.depth, &self.lens));
-            let tolerance = self.surfaces.clouds[cloud as usize].depth_tolerance;
-            peel.limit = own.select(farthest + tolerance, peel.limit);
+            let CloudSurface { depth_tolerance, coverage_floor, .. } = self.surfaces.clouds[cloud as usize];
+            peel.limit = own.select(farthest + depth_tolerance, peel.limit);
+            peel.tolerance = own.select(W::simd_from(simd, depth_tolerance), peel.tolerance);
+            peel.floor = own.select(W::simd_from(simd, coverage_floor), peel.floor);
             peel.record = own.select(u32x16::simd_from(simd, slant.index), peel.record);
             peel.cloud = own.select(u32x16::simd_from(simd, cloud), peel.cloud);
         }

@@ -22,8 +22,11 @@ pub(super) struct Sums<S: Simd> {
     /// Of depths behind the first sample's.
     pub(super) depth: W<S>,
     /// Of those that aren't plain: of weights, and of opacity.
-    special: W<S>,
-    shown: W<S>,
+    pub(super) special: W<S>,
+    pub(super) shown: W<S>,
+    /// How much less of all is shown than opacities say, since a near sheet hides a far one; whether any.
+    pub(super) hidden: W<S>,
+    pub(super) is_parted: bool,
     /// Of (1 − opacity)², and of 1 − opacity by how even coverage is.
     clear_squared: W<S>,
     even: W<S>,
@@ -47,6 +50,8 @@ impl<S: Simd> Sums<S> {
             depth: zero,
             special: zero,
             shown: zero,
+            hidden: zero,
+            is_parted: false,
             clear_squared: zero,
             even: zero,
         }
@@ -93,11 +98,12 @@ impl<S: Simd> Sums<S> {
         let (weight, clear) = (self.weight(), self.special - self.shown);
         let opacity = one - (clear * inverse).min(one);
         if !clear.simd_gt(zero).any_true() {
-            return [opacity, inverse];
+            let of_shown = if self.is_parted { one / (weight - self.hidden) } else { inverse };
+            return [opacity, inverse.simd_gt(zero).select(of_shown, zero)];
         }
         // What rounding leaves of a clear layer has no colour; neither that nor what is left of nothing is more in several sheets.
         let is_visible = opacity.simd_gt(W::simd_from(simd, LEAST_VISIBLE));
-        let shown = weight - self.special + self.shown;
+        let shown = weight - self.special + self.shown - self.hidden;
         let of_shown = (is_visible & inverse.simd_gt(zero)).select(one / shown, zero);
         let (even, times) = (self.even / clear, weight / coverage);
         let more = times.mul_sub(even, one);

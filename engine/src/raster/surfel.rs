@@ -292,6 +292,17 @@ impl Slant {
         begin + offset
     }
 
+    /// Where the plane of a sample at a depth passes the pixel, as far as it is followed.
+    #[inline(always)]
+    pub(crate) fn plane<S: Simd>(
+        &self,
+        simd: S,
+        pixels: [W<S>; 2],
+        (depth, lens): (W<S>, &SurfelLens),
+    ) -> W<S> {
+        depth + self.offset(simd, pixels, (depth, lens))
+    }
+
     /// How far behind a sample the plane passes the pixel, as far as it is followed.
     #[inline(always)]
     fn offset<S: Simd>(&self, simd: S, pixels: [W<S>; 2], (depth, lens): (W<S>, &SurfelLens)) -> W<S> {

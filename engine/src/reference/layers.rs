@@ -6,6 +6,12 @@ use glam::DVec3;
 /// The most layers of a ray; the last takes all that is left.
 const MOST_LAYERS: usize = 64;
 
+/// Sheets nearer than this share of the depth tolerance are one; as far again, and they are two.
+const LEAST_GAP: f64 = 1.0 / 16.0;
+
+/// The share of the variance of depths that two sheets make by being apart: of samples spread evenly it is the first, from the second on they are two.
+const APART: [f64; 2] = [0.75, 0.9];
+
 /// A surfel as a ray meets it.
 #[derive(Clone, Copy)]
 pub(super) struct Sample<'a> {
@@ -28,7 +34,9 @@ pub(super) struct Sample<'a> {
     pub(super) has_sides: bool,
     pub(super) material: &'a Material,
     pub(super) depth_tolerance: f64,
+    /// Raised by the filter.
     pub(super) coverage_floor: f64,
+    pub(super) cloud_floor: f64,
     /// How even the coverage of a single sheet is there, at least: between this and as much above 1 as this is below.
     pub(super) even: f64,
 }
@@ -84,7 +92,10 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
         left = behind;
         let total: f64 = taken.iter().map(|s| s.coverage()).sum();
         let covered: f64 = taken.iter().map(|s| s.opacity * s.coverage()).sum();
-        let color: DVec3 = taken.iter().map(|s| s.opacity * s.coverage() * s.color).sum();
+        let hidden = hidden(&first, &taken);
+        let shown = |s: &Sample<'_>| s.opacity * s.coverage() * (1.0 - hidden(s));
+        let color: DVec3 = taken.iter().map(|s| shown(s) * s.color).sum();
+        let all_shown: f64 = taken.iter().map(shown).sum();
         let mean_z = first.z + taken.iter().map(|s| s.coverage() * (s.z - first.z)).sum::<f64>() / total;
         // Spans that interleave may have means out of order.
         nearest = mean_z.max(nearest);
@@ -130,11 +141,44 @@ pub(super) fn layers<'a>(samples: &mut [Sample<'a>]) -> impl Iterator<Item = Lay
             z: nearest,
             id: first.id,
             alpha,
-            color: if covered > 0.0 { color / covered } else { first.color },
+            color: if all_shown > 0.0 { color / all_shown } else { first.color },
             normal: if shows_back { -side(true) } else { side(false) } / covered_by(shows_back),
             material: first.material,
         })
     })
+}
+
+/// What a layer's samples lose of their colours where it is two sheets: what the near one hides of the far one, which lie beside each other as long as there
+/// is room.
+///
+/// The sheets are what has its plane before the planes' mean depth and what has it behind, as far as the layer covers more than one sheet does, and the means
+/// of both are what the planes' depths vary by.
+fn hidden(first: &Sample<'_>, taken: &[Sample<'_>]) -> impl Fn(&Sample<'_>) -> f64 + use<> {
+    let mean = |some: &[Sample<'_>], of: &dyn Fn(&Sample<'_>) -> f64| {
+        let weight: f64 = some.iter().map(Sample::coverage).sum();
+        (weight, some.iter().map(|s| s.coverage() * of(s)).sum::<f64>() / weight)
+    };
+    let (total, seen) = mean(taken, &|s| s.z - first.z);
+    let (_, gap) = mean(taken, &|s| s.plane_z);
+    let is_far = move |s: &Sample<'_>| s.plane_z > gap;
+    let (far, near): (Vec<_>, Vec<_>) = taken.iter().partition(|s| is_far(s));
+    let sides = [false, true].map(|back| taken.iter().filter(|s| s.back == back).map(|s| s.coverage()).sum());
+    let coverage = if first.has_sides { f64::max(sides[0], sides[1]) } else { total }.min(1.0);
+    let ((near, near_z), (far, far_z)) = (mean(&near, &|s| s.plane_z), mean(&far, &|s| s.plane_z));
+    let (_, near_opacity) = mean(taken, &|s| if is_far(s) { 0.0 } else { s.opacity });
+    let near_opacity = near_opacity * total / near;
+    let (_, variance) = mean(taken, &|s| (s.plane_z - gap).powi(2));
+    let apart = far_z - near_z;
+    let between = apart.powi(2) * near * far / total.powi(2);
+    let from_to = |value: f64, [from, to]: [f64; 2]| ((value - from) / (to - from)).clamp(0.0, 1.0);
+    let least = LEAST_GAP * first.depth_tolerance;
+    let clearly = from_to(total * first.cloud_floor / coverage, [1.0, 2.0 - first.cloud_floor])
+        * from_to(between, APART.map(|share| share * variance))
+        * from_to(apart, [least, 2.0 * least])
+        * from_to(seen, [least / 2.0, least]);
+    let beside = far.min(1.0).min(1.0 - near.min(1.0)) / far.min(1.0);
+    let share = if near > 0.0 && far > 0.0 { clearly * near_opacity * (1.0 - beside) } else { 0.0 };
+    move |s| if is_far(s) { share } else { 0.0 }
 }
 
 /// The share of a pixel that fronts and backs cover together: the greater one, within which the lesser lies unless it is so little beside it that it is

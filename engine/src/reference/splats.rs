@@ -284,6 +284,7 @@ impl<'a> Setup<'a> {
                     has_sides: surface.closed.has_sides(),
                     material: &splats.material,
                     depth_tolerance: f64::from(surface.depth_tolerance) * placed.volume_scale.cbrt(),
+                    cloud_floor: floor,
                     coverage_floor: filtered(self.attenuation(&gaussian, &columns)),
                     even: filtered(1.0 - of_filter),
                 };
