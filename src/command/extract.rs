@@ -8,7 +8,7 @@ use crate::notation::distance_and_angle;
 use crate::output::{Output, StatsPlace, WriteSeek};
 use crate::progress::Console;
 use crate::stats::{median, milliseconds, peak_mib, rounded, timed};
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Result, anyhow, bail, ensure};
 use clap::Args;
 use glam::DVec3;
 use oblate::engine::{Blend, Closed, Splats, Strength};

@@ -150,7 +150,7 @@ fn what_is_wrong_is_said() {
     let pair = |depth: &'static str, more: &[&'static str]| {
         [&["warp", "photo.ppm", depth], &WALL[3..], &["--to", "here.txt"], more].concat()
     };
-    let cases: [(Vec<&str>, &str); 13] = [
+    let cases: [(Vec<&str>, &str); 15] = [
         (pair("small.pgm", &[]), "photo.ppm has 64×48 pixels and small.pgm 2×1; they must be registered"),
         (pair("none.pgm", &[]), "no pixel has a depth"),
         (pair("photo.ppm", &[]), "photo.ppm"),
