@@ -7,7 +7,7 @@ mod common;
 use std::f64::consts::PI;
 
 use common::*;
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use oblate_engine::Shapes;
 use oblate_volumes::{
     GridFrame, IsoError, IsoSettings, Volume, Voxels, iso_surfels, marschner_lobb, propose_iso, shepp_logan,

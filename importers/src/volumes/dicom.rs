@@ -335,12 +335,14 @@ fn sort_by_position(file: &File, slices: &mut [Slice], normal: DVec3) -> Result<
     slices.sort_by(|a, b| along(a).total_cmp(&along(b)).then_with(|| a.path.cmp(&b.path)));
     let Some(count) = slices.len().checked_sub(1).filter(|count| *count > 0) else { return Ok(None) };
     let steps: Vec<DVec3> = slices.windows(2).map(|pair| position(&pair[1]) - position(&pair[0])).collect();
-    // The usual step, which a gap doesn't change.
-    let mut lengths: Vec<f64> = slices.windows(2).map(|pair| along(&pair[1]) - along(&pair[0])).collect();
-    let found = lengths.clone();
-    lengths.sort_by(f64::total_cmp);
-    let usual = lengths[count / 2];
-    let usual_step = steps[found.iter().position(|length| *length == usual).unwrap_or(0)];
+    // The usual step, which neither a gap nor a shift changes.
+    let median = |mut numbers: Vec<f64>| {
+        numbers.sort_by(f64::total_cmp);
+        numbers[count / 2]
+    };
+    let found: Vec<f64> = slices.windows(2).map(|pair| along(&pair[1]) - along(&pair[0])).collect();
+    let usual = median(found.clone());
+    let usual_step = DVec3::from([0, 1, 2].map(|axis| median(steps.iter().map(|step| step[axis]).collect())));
     for (index, (step, length)) in steps.iter().zip(&found).enumerate() {
         let (before, after) = (slices[index].name(), slices[index + 1].name());
         if *length <= 0.0 {
@@ -356,7 +358,7 @@ fn sort_by_position(file: &File, slices: &mut [Slice], normal: DVec3) -> Result<
                 )
             } else {
                 format!(
-                    "slices are not in line: from {before} to {after} their plane moves by {across} in itself, against others"
+                    "slices are not in line: from {before} to {after} their plane moves by {across:.3} in itself, against others"
                 )
             };
             return Err(file.unsupported(Place::Whole, feature));

@@ -390,7 +390,7 @@ fn slices_are_evenly_spaced() {
     let shifted = |x: f64, z: f64| at(z).with(text(0x0020_0032, "DS", &format!("{x}\\0\\{z}")));
     let (_, opened) =
         folder_of(&[shifted(0.0, 0.0), shifted(0.0, 2.0), shifted(5.0, 4.0), shifted(5.0, 6.0)]);
-    refused(opened, "", &["not in line", "from image3 to image2", "by 5 in itself"]);
+    refused(opened, "", &["not in line", "from image3 to image2", "by 5.000 in itself"]);
     refused(of(&[0.0, 1.0, 1.0, 2.0]), "", &["image2 and image3 are at one place"]);
     let unplaced =
         |k: usize| Slice::of_corner_marked(k).without(0x0020_0032).with(text(0x0018_0088, "DS", "7"));
