@@ -165,7 +165,7 @@ fn shown_of(
     console: Console,
 ) -> Result<Vec<Cloud>> {
     let _task = console.task(format!("splats of {name}"));
-    let paint = Paint::read(look, place, console)?;
+    let paint = Paint::read(look, (place, field.values().frame().space), console)?;
     let shown = volume_clouds(field, look, paint.as_ref()).with_context(|| name.to_owned())?;
     let range = || {
         let values = field.values();

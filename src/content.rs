@@ -8,7 +8,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use oblate::engine::{Blend, Cloud};
 use oblate::importers::{Content, Endian, OpenOptions, Opened, RawLayout, SampleType, Watch};
 use oblate::surfels::{Mesh, PointCloud};
-use oblate::volumes::{GridFrame, IrregularVolume, Volume};
+use oblate::volumes::{GridFrame, IrregularVolume, Space, Volume};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -146,6 +146,17 @@ impl From<ByteOrder> for Endian {
     }
 }
 
+/// What is said where things meet whose spaces have different names: nothing turns one to the other.
+pub(crate) fn differing(spaces: &[(&str, Option<Space>)]) -> Option<String> {
+    let mut named = spaces.iter().filter_map(|(name, space)| Some((name, (*space)?)));
+    let (first, space) = named.next()?;
+    let (other, others) = named.find(|(_, others)| *others != space)?;
+    let (space, others) = (space.name(), others.name());
+    Some(format!(
+        "{first} is in a space named {space}, {other} in one named {others}: each keeps its numbers; rotate one in a scene file"
+    ))
+}
+
 /// The mesh moved to the world, so that surfels are spread evenly there.
 pub(crate) fn placed_mesh(mut mesh: Mesh, placement: DAffine3) -> Mesh {
     for primitive in &mut mesh.primitives {
@@ -162,13 +173,22 @@ pub(crate) fn placed_volume(volume: Volume, placement: DAffine3) -> Result<Volum
     let [x, y, z] = columns.map(DVec3::length);
     let spacing = DVec3::new(x, y, z);
     let direction = DMat3::from_cols(columns[0] / x, columns[1] / y, columns[2] / z);
-    Ok(volume.with_frame(GridFrame { spacing, origin: index_to_world.translation, direction })?)
+    let frame = GridFrame { spacing, origin: index_to_world.translation, direction, ..volume.frame() };
+    Ok(volume.with_frame(frame)?)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use oblate::volumes::Voxels;
+
+    #[test]
+    fn only_names_that_differ_are_told() {
+        let (ras, lps) = (Some(Space::Ras), Some(Space::Lps));
+        assert_eq!(differing(&[("a", ras), ("b", None), ("c", ras)]), None);
+        let told = differing(&[("a", None), ("b", ras), ("c", ras), ("d", lps)]).unwrap();
+        assert!(told.contains("b is in") && told.contains("right-") && told.contains("d in"), "{told}");
+    }
 
     #[test]
     fn volumes_move_with_their_placement() {

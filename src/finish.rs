@@ -1,6 +1,6 @@
 //! What is done to splats once they are made: painted by another volume, cut by planes.
 
-use crate::content::{open, placed_volume};
+use crate::content::{differing, open, placed_volume};
 use crate::description::{FileOptions, Look};
 use crate::progress::Console;
 use crate::transfer;
@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use glam::{DAffine3, DVec3};
 use oblate::engine::{Cloud, HalfSpace};
 use oblate::importers::Content;
-use oblate::volumes::{TransferFunction, Volume, painted};
+use oblate::volumes::{Space, TransferFunction, Volume, painted};
 
 /// Another volume and the colours of its values.
 pub(crate) struct Paint {
@@ -17,8 +17,13 @@ pub(crate) struct Paint {
 }
 
 impl Paint {
-    /// Reads the volume that a look names, if it names one, and stands it where `place` takes it.
-    pub(crate) fn read(look: &Look, place: DAffine3, console: Console) -> Result<Option<Self>> {
+    /// Reads the volume that a look names, if it names one, and stands it where `place` takes what it colours, which
+    /// is in `space`.
+    pub(crate) fn read(
+        look: &Look,
+        (place, space): (DAffine3, Option<Space>),
+        console: Console,
+    ) -> Result<Option<Self>> {
         let Some(path) = &look.color_by else { return Ok(None) };
         let name = path.display().to_string();
         let (opened, _) = open(path, &FileOptions::default(), console)?;
@@ -26,6 +31,9 @@ impl Paint {
             console.say(format_args!("{name}: {note}"));
         }
         let Content::Volume(field) = opened.content else { bail!("{name}: it is no volume to colour by") };
+        if let Some(told) = differing(&[("what is coloured", space), (name.as_str(), field.frame().space)]) {
+            console.say(told);
+        }
         let transfer = transfer::resolve(look.color_transfer.as_ref(), &field).context(name)?;
         Ok(Some(Self { field: placed_volume(field, place)?, transfer }))
     }

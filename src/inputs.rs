@@ -1,7 +1,7 @@
 //! What is drawn: the files, options and the built-in scene that commands share.
 
 use crate::check::{Uses, Wrong};
-use crate::content::{Body, Item, load};
+use crate::content::{Body, Item, differing, load};
 use crate::description::{CameraOptions, Description, FileOptions, Look, PictureOptions, Source};
 use crate::progress::Console;
 use crate::{built_in, scene_file};
@@ -94,6 +94,19 @@ fn load_all(sources: Vec<Source>, file: &FileOptions, console: Console) -> Resul
         let (item, of_item) = load(source, file, console)?;
         items.push(item);
         uses = uses | of_item;
+    }
+    // What a scene file turns against others may fit them.
+    let volumes = items.iter().filter_map(|item| match &item.body {
+        Body::Volume(volume) => Some((item.name.as_str(), volume.frame().space, item.places[0].matrix3)),
+        _ => None,
+    });
+    let (spaces, mut turns): (Vec<_>, Vec<_>) =
+        volumes.map(|(name, space, turn)| ((name, space), turn)).unzip();
+    turns.dedup();
+    if turns.len() == 1
+        && let Some(told) = differing(&spaces)
+    {
+        console.say(told);
     }
     Ok((items, uses))
 }

@@ -5,7 +5,7 @@ use glam::{DMat3, DVec3};
 use oblate::engine::{Blend, OpacityFilter, Splats, Strength};
 use oblate::importers::{Content, Opened};
 use oblate::surfels::{Mesh, PointCloud, Primitive};
-use oblate::volumes::{Arrangement, Histogram, IrregularVolume, Volume, propose_iso};
+use oblate::volumes::{Arrangement, Histogram, IrregularVolume, Space, Volume, propose_iso};
 use serde::Serialize;
 use std::fmt::{self, Display, Write};
 
@@ -50,6 +50,8 @@ enum Body {
         origin: [f64; 3],
         /// The directions of the grid's axes.
         axes: [[f64; 3]; 3],
+        /// What the file calls the space that they are in.
+        space: Option<&'static str>,
         #[serde(flatten)]
         values: Values,
     },
@@ -138,6 +140,7 @@ fn volume_body(volume: &Volume) -> Body {
         spacing: frame.spacing.to_array(),
         origin: frame.origin.to_array(),
         axes: frame.direction.to_cols_array_2d(),
+        space: frame.space.map(Space::name),
         values: values(volume),
     }
 }
@@ -268,7 +271,7 @@ impl Body {
                 }
                 writeln!(f, "area        {}", short(*area))
             }
-            Self::Volume { dims: [x, y, z], sample_type, spacing, origin, axes, .. } => {
+            Self::Volume { dims: [x, y, z], sample_type, spacing, origin, axes, space, .. } => {
                 writeln!(f, "volume      {x}×{y}×{z} voxels of {sample_type}")?;
                 writeln!(f, "spacing     {}", list(*spacing))?;
                 writeln!(f, "origin      {}", list(*origin))?;
@@ -276,7 +279,7 @@ impl Body {
                     let [i, j, k] = axes.map(list);
                     writeln!(f, "axes        {i}   {j}   {k}")?;
                 }
-                Ok(())
+                space.map_or(Ok(()), |name| writeln!(f, "space       {name}"))
             }
             Self::Irregular { arrangement, dims, count, .. } => match dims {
                 Some([x, y, z]) => writeln!(f, "volume      {arrangement} grid of {x}×{y}×{z} points"),

@@ -32,6 +32,11 @@ pub(crate) const NATIVE: Endian = if cfg!(target_endian = "big") { Endian::Big }
 /// Reads a picture that unpacks to `max_memory` bytes at most; `None` of a file that isn't one.
 pub(crate) fn read(file: &File, max_memory: u64) -> Result<Option<Grey>, ImportError> {
     match &file.bytes[..file.bytes.len().min(4)] {
+        // The decoder stretches fewer bits to 8 and says nothing of it.
+        [0x89, b'P', b'N', b'G'] if matches!(file.bytes.get(24..26), Some([1 | 2 | 4, 0])) => {
+            let feature = format!("{} bits a sample; 8 or 16 of grey are needed", file.bytes[24]);
+            Err(file.unsupported(Place::Whole, feature))
+        }
         [0x89, b'P', b'N', b'G'] => decoded(file, ImageFormat::Png, max_memory).map(Some),
         [0xff, 0xd8, 0xff, _] => decoded(file, ImageFormat::Jpeg, max_memory).map(Some),
         [b'P', b'2' | b'5', white, _] if white.is_ascii_whitespace() => {

@@ -76,7 +76,11 @@ pub(crate) fn run(args: ConvertArgs) -> Result<()> {
         );
         opened.content
     } else {
-        let paint = Paint::read(&args.look, DAffine3::IDENTITY, console)?;
+        let space = match &opened.content {
+            Content::Volume(volume) => volume.frame().space,
+            _ => None,
+        };
+        let paint = Paint::read(&args.look, (DAffine3::IDENTITY, space), console)?;
         splats(opened.content, &args.look, paint.as_ref()).with_context(|| name.clone())?
     };
     output.finish(|file| {

@@ -8,7 +8,7 @@ use crate::notation::distance_and_angle;
 use crate::output::{Output, StatsPlace, WriteSeek};
 use crate::progress::Console;
 use crate::stats::{median, milliseconds, peak_mib, rounded, timed};
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Result, anyhow, bail, ensure};
 use clap::Args;
 use glam::DVec3;
 use oblate::engine::{Blend, Closed, Splats, Strength};
@@ -126,7 +126,11 @@ pub(crate) fn run(args: ExtractArgs) -> Result<()> {
     };
     let name = args.volume.display().to_string();
     let made = if args.stream { stream(&args, &settings, output) } else { whole(&args, &settings, output) };
-    let found = made.with_context(|| name.clone())?;
+    // What importers say begins with the name.
+    let named = |error: anyhow::Error| {
+        if error.to_string().starts_with(&name) { error } else { error.context(name.clone()) }
+    };
+    let found = made.map_err(named)?;
     let count = found.merging.as_ref().map_or(found.surfels, |merging| merging.surfels as u64);
     let closed = if found.closed { "a closed" } else { "an open" };
     console.say(format_args!(

@@ -35,10 +35,10 @@ pub(crate) struct WarpArgs {
     #[arg(long, value_name = "FILE")]
     sequence: Option<PathBuf>,
     /// Frames of a sequence, evenly along its poses, which are interpolated [default: one for each pose]
-    #[arg(long, value_name = "N", requires = "sequence")]
+    #[arg(long, value_name = "N", requires = "sequence", conflicts_with = "to")]
     frames: Option<u32>,
     /// Frames a second
-    #[arg(long, value_name = "N", requires = "sequence", default_value = "25")]
+    #[arg(long, value_name = "N", requires = "sequence", conflicts_with = "to", default_value = "25")]
     rate: u16,
     /// Pixels of the new picture, which shows the same angle of view [default: those of the first photograph]
     #[arg(long, value_name = "WxH", value_parser = size)]

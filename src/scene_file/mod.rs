@@ -235,6 +235,9 @@ mod tests {
         assert_eq!(scene.picture.order(), Order::Slabs { thickness: 0.5 });
         assert_eq!(scene.sources.len(), 2);
         assert_eq!(scene.sources[0].file.dims, Some([2, 3, 4]));
+        let slices =
+            parse(&text.replace("[2, 3, 4]", "[2, 3]"), Path::new("")).map_err(|p| p.message).unwrap();
+        assert_eq!(slices.sources[0].file.dims, Some([2, 3, 1]));
         let mesh = &scene.sources[1];
         assert_eq!(mesh.path, Path::new("folder/a.glb"));
         // x is scaled to 2, turned to y, moved along x.

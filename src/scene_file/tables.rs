@@ -34,7 +34,7 @@ pub(super) struct VolumeTable {
     rotate: Option<[f64; 3]>,
     scale: Option<Scale>,
     instances: Option<Places>,
-    dims: Option<[usize; 3]>,
+    dims: Option<Dims>,
     #[serde(rename = "type")]
     sample_type: Option<SampleKind>,
     endian: Option<ByteOrder>,
@@ -104,6 +104,13 @@ enum Scale {
     Axes([f64; 3]),
 }
 
+#[derive(Clone, Copy, Deserialize)]
+#[serde(untagged, expecting = "`dims` is three whole numbers, or two of each slice")]
+enum Dims {
+    Slice([usize; 2]),
+    Volume([usize; 3]),
+}
+
 #[derive(Deserialize)]
 #[serde(untagged, expecting = "`iso-color` is one colour or a list of them")]
 enum Colors {
@@ -171,7 +178,10 @@ impl SourceTable for VolumeTable {
             "is for the values of `color-by`; name a volume there".into()
         })?;
         let file = FileOptions {
-            dims: self.dims,
+            dims: self.dims.map(|dims| match dims {
+                Dims::Slice([x, y]) => [x, y, 1],
+                Dims::Volume(dims) => dims,
+            }),
             sample_type: self.sample_type,
             endian: self.endian,
             spacing: self.spacing,

@@ -179,6 +179,36 @@ fn volumes_go_from_format_to_format() {
 }
 
 #[test]
+fn names_of_spaces_are_kept_and_compared() {
+    let place = Workplace::new();
+    place.ball();
+    place.run(&["convert", "ball_16x16x16_uint8.raw", "a.nrrd"]);
+    let unnamed = std::fs::read(place.path("a.nrrd")).unwrap();
+    let named = |name: &str| {
+        let line = b"space dimension: 3\n";
+        let at = unnamed.windows(line.len()).position(|part| part == line).unwrap();
+        let line_of = format!("space: {name}\n");
+        [&unnamed[..at], line_of.as_bytes(), &unnamed[at + line.len()..]].concat()
+    };
+    place.write("ras.nrrd", named("right-anterior-superior"));
+    place.write("lps.nrrd", named("LPS"));
+    place.run(&["convert", "ras.nrrd", "b.nrrd"]);
+    assert_eq!(std::fs::read(place.path("b.nrrd")).unwrap(), named("right-anterior-superior"));
+    let [told, _] = place.run(&["info", "lps.nrrd"]);
+    assert!(told.contains("space       left-posterior-superior"), "{told}");
+    let [_, said] = place.run(&["convert", "ras.nrrd", "b.vti"]);
+    assert!(said.contains("left out: the name of the space, right-anterior-superior"), "{said}");
+    let meet = "space named right-anterior-superior";
+    let drawn = |args: &[&str]| place.run(&[&["render", "--size", "16x16"], args].concat())[1].contains(meet);
+    assert!(drawn(&["ras.nrrd", "lps.nrrd"]) && !drawn(&["ras.nrrd", "a.nrrd", "b.nrrd"]));
+    assert!(drawn(&["ras.nrrd", "--iso", "100", "--color-by", "lps.nrrd"]));
+    let turned =
+        "version = 1\n[[volume]]\npath = 'ras.nrrd'\n[[volume]]\npath = 'lps.nrrd'\nrotate = [0, 0, 180]\n";
+    place.write("turned.toml", turned);
+    assert!(!drawn(&["turned.toml"]));
+}
+
+#[test]
 fn what_does_not_fit_is_refused_and_leaves_no_file() {
     let place = Workplace::new();
     place.cube();

@@ -99,7 +99,10 @@ fn what_can_not_be_extracted_is_refused_and_leaves_no_file() {
         (&[BALL, "--iso", "100", "-o", "a.ply", "--stats", "a.ply"], "one file"),
         (&[BALL, "--iso", "100", "-o", "a.ply", "--stream", "--merge", "1"], "--merge"),
         (&[BALL, "--iso", "100", "-o", "a.ply", "--merge", "-1"], "--merge"),
-        (&["cube.obj", "--iso", "100", "-o", "a.ply", "--stream"], "dims"),
+        (
+            &["cube.obj", "--iso", "100", "-o", "a.ply", "--stream"],
+            "error: cube.obj: it is OBJ; only raw samples are read slice by slice (as which it is read where their dims",
+        ),
         (&[BALL, "--iso", "100", "-o", "a.ply", "--stream", "--dims", "16x16x17"], "4096 bytes"),
         (&["missing.raw", "--iso", "100", "-o", "a.ply"], "missing.raw"),
     ] {

@@ -150,7 +150,7 @@ fn what_is_wrong_is_said() {
     let pair = |depth: &'static str, more: &[&'static str]| {
         [&["warp", "photo.ppm", depth], &WALL[3..], &["--to", "here.txt"], more].concat()
     };
-    let cases: [(Vec<&str>, &str); 13] = [
+    let cases: [(Vec<&str>, &str); 15] = [
         (pair("small.pgm", &[]), "photo.ppm has 64×48 pixels and small.pgm 2×1; they must be registered"),
         (pair("none.pgm", &[]), "no pixel has a depth"),
         (pair("photo.ppm", &[]), "photo.ppm"),
@@ -161,6 +161,8 @@ fn what_is_wrong_is_said() {
         (with(&["--to", "log.txt"]), "2 poses; say which"),
         (with(&["--to", "log.txt:2"]), "there is no number 2"),
         (with(&["--sequence", "log.txt", "-o", "way.exr"]), "a sequence is written as .png"),
+        (with(&["--to", "log.txt", "--frames", "3"]), "--frames"),
+        (with(&["--to", "log.txt", "--rate", "3"]), "--rate"),
         (with(&["--sequence", "log.txt", "--frames", "4000000000"]), "it must be from 1 to 65535"),
         (with(&["--to", "here.txt", "--repeat", "3"]), "--stats"),
         (

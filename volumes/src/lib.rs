@@ -16,6 +16,7 @@ pub mod kernels;
 pub mod paint;
 pub mod phantom;
 pub mod presets;
+mod space;
 pub mod transfer;
 mod transfer_text;
 pub mod volume;
@@ -30,6 +31,7 @@ pub use kernels::{Classifier, Flattening, KERNEL_SIGMA, KernelSettings, to_kerne
 pub use paint::painted;
 pub use phantom::{marschner_lobb, shepp_logan};
 pub use presets::{PRESETS, Preset, preset};
+pub use space::Space;
 pub use transfer::{
     ColorSpace, ControlPoint, GradientRamp, MAX_OPACITY, Optical, StrengthKind, TransferError,
     TransferFunction,

@@ -51,7 +51,7 @@ pub fn shepp_logan(n: usize) -> Result<Volume, VolumeError> {
     let frame = GridFrame {
         spacing: DVec3::splat(spacing),
         origin: DVec3::splat(0.5 * spacing - 1.0),
-        direction: DMat3::IDENTITY,
+        ..GridFrame::default()
     };
     sampled(n, frame, density)
 }
@@ -77,7 +77,7 @@ pub fn marschner_lobb(n: usize) -> Result<Volume, VolumeError> {
     let frame = GridFrame {
         spacing: DVec3::splat(2.0 / (n as f64 - 1.0)),
         origin: DVec3::NEG_ONE,
-        direction: DMat3::IDENTITY,
+        ..GridFrame::default()
     };
     sampled(n, frame, marschner_lobb_at)
 }

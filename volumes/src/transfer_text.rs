@@ -39,6 +39,8 @@ impl FromStr for TransferFunction {
 
     fn from_str(text: &str) -> Result<Self, TransferTextError> {
         let mut parsed = Parsed::default();
+        // Some programs begin texts with a mark of UTF-8.
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         for (index, line) in text.lines().enumerate() {
             let words: Vec<&str> =
                 line.split('#').next().unwrap_or_default().split_ascii_whitespace().collect();

@@ -3,6 +3,8 @@
 use glam::{DAffine3, DMat3, DVec3};
 use thiserror::Error;
 
+use crate::space::Space;
+
 /// The samples of a volume in its file's number type, x fastest, then y, then z.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Voxels {
@@ -62,11 +64,13 @@ pub struct GridFrame {
     pub origin: DVec3,
     /// Directions of the grid's axes in the world, as columns; invertible. Where they aren't unit vectors they stretch the spacing.
     pub direction: DMat3,
+    /// What the file calls the world that this is in, if it does. It is passed on, and moves nothing.
+    pub space: Option<Space>,
 }
 
 impl Default for GridFrame {
     fn default() -> Self {
-        Self { spacing: DVec3::ONE, origin: DVec3::ZERO, direction: DMat3::IDENTITY }
+        Self { spacing: DVec3::ONE, origin: DVec3::ZERO, direction: DMat3::IDENTITY, space: None }
     }
 }
 

@@ -7,7 +7,7 @@ mod common;
 use std::f64::consts::PI;
 
 use common::*;
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use oblate_engine::Shapes;
 use oblate_volumes::{
     GridFrame, IsoError, IsoSettings, Volume, Voxels, iso_surfels, marschner_lobb, propose_iso, shepp_logan,
@@ -252,7 +252,7 @@ fn settings_outside_their_range_are_refused() {
 #[test]
 fn large_origins_lose_nothing() {
     let origin = DVec3::new(1e6, -2e6, 3e6);
-    let frame = GridFrame { spacing: DVec3::splat(1e-3), origin, direction: DMat3::IDENTITY };
+    let frame = GridFrame { spacing: DVec3::splat(1e-3), origin, ..GridFrame::default() };
     let values = (0..1000).map(|i| (i % 10) as f32).collect();
     let cloud = surfels_at(&Volume::new([10; 3], Voxels::F32(values), frame).unwrap(), 4.25);
     for (position, ..) in surfels(&cloud) {

@@ -21,8 +21,12 @@ fn colours_are_those_of_the_field_at_the_place() {
     let cloud = iso_surfels(&ball, 1.0, &settings).unwrap().transformed(moved);
     // Turned and stretched, and it ends at x = 8.
     let direction = DMat3::from_cols(DVec3::Y, DVec3::X, DVec3::Z);
-    let frame =
-        GridFrame { spacing: DVec3::new(2.0, 1.0, 2.0), origin: DVec3::new(0.0, -4.0, -6.0), direction };
+    let frame = GridFrame {
+        spacing: DVec3::new(2.0, 1.0, 2.0),
+        origin: DVec3::new(0.0, -4.0, -6.0),
+        direction,
+        space: None,
+    };
     let x = |i: usize| (i / 12 % 9) as f32;
     let field = Volume::new([12, 9, 12], Voxels::F32((0..12 * 9 * 12).map(x).collect()), frame).unwrap();
     let point = |value, red| ControlPoint { value, color: [red, 0.0, 1.0], strength: 0.0 };

@@ -71,6 +71,7 @@ fn the_format_reads() {
         0    0 0 0   0\n\
         20   0.45 0.5 0.6  6e-3\n";
     let function: TransferFunction = text.parse().unwrap();
+    assert_eq!(format!("\u{feff}{text}").parse(), Ok(function.clone()));
     assert_eq!(function.strength(), StrengthKind::OpacityPerUnit);
     assert_eq!(function.color_space(), ColorSpace::Srgb);
     assert_eq!(function.gradient(), Some(GradientRamp { low: 2.0, high: 10.5 }));

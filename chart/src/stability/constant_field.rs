@@ -120,8 +120,12 @@ fn misplaced(read: impl Fn(GridFrame) -> GridFrame) -> f64 {
     let dims = [6, 5, 4];
     // The first axis points to −x, the second to z, the third to y.
     let direction = DMat3::from_cols(DVec3::NEG_X, DVec3::Z, DVec3::Y);
-    let frame =
-        GridFrame { spacing: DVec3::new(0.5, 1.0, 2.0), origin: DVec3::new(1.0, -2.0, 0.5), direction };
+    let frame = GridFrame {
+        spacing: DVec3::new(0.5, 1.0, 2.0),
+        origin: DVec3::new(1.0, -2.0, 0.5),
+        direction,
+        space: None,
+    };
     let corners = [[0, 0, 0], [5, 0, 0], [0, 4, 0], [5, 4, 3]];
     let point = |value, strength| ControlPoint { value, color: [1.0; 3], strength };
     let shows_ones = TransferFunction::new(

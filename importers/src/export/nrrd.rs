@@ -24,7 +24,10 @@ pub(crate) fn write(
     let edges = [0, 1, 2].map(|axis| vector(frame.direction.col(axis) * frame.spacing[axis]));
     writeln!(out, "NRRD0005")?;
     writeln!(out, "type: {}", type_name(volume.voxels()))?;
-    writeln!(out, "dimension: 3\nspace dimension: 3\nsizes: {x} {y} {z}")?;
+    match frame.space {
+        Some(space) => writeln!(out, "dimension: 3\nspace: {}\nsizes: {x} {y} {z}", space.name())?,
+        None => writeln!(out, "dimension: 3\nspace dimension: 3\nsizes: {x} {y} {z}")?,
+    }
     writeln!(out, "space directions: {}\nspace origin: {}", edges.join(" "), vector(frame.origin))?;
     writeln!(out, "kinds: domain domain domain\nendian: little")?;
     writeln!(out, "encoding: {}\n", if packing == Packing::Raw { "raw" } else { "gzip" })?;
@@ -63,7 +66,7 @@ mod tests {
     use crate::file::File;
     use crate::volumes::nrrd::read;
     use glam::DMat3;
-    use oblate_volumes::GridFrame;
+    use oblate_volumes::{GridFrame, Space};
     use proptest::prelude::*;
 
     fn there_and_back(volume: &Volume, packing: Packing) -> Volume {
@@ -79,10 +82,19 @@ mod tests {
         axes.push(DMat3::from_cols(-DVec3::Z, DVec3::X, -DVec3::Y));
         for (direction, large) in axes.into_iter().zip([true, false, false]) {
             let (spacing, origin) = (DVec3::new(0.1, 49.0, 1e-7), DVec3::new(-1e-3, 2.0 / 3.0, 1e20));
-            for volume in volumes(GridFrame { spacing, origin, direction }, large) {
+            for volume in volumes(GridFrame { spacing, origin, direction, space: None }, large) {
                 for packing in [Packing::Raw, Packing::Deflated] {
                     assert!(there_and_back(&volume, packing) == volume, "{}", volume.voxels().type_name());
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn spaces_keep_their_names() {
+        for space in Space::ALL.map(Some).into_iter().chain([None]) {
+            for volume in volumes(GridFrame { space, ..GridFrame::default() }, false) {
+                assert_eq!(there_and_back(&volume, Packing::Raw).frame(), volume.frame());
             }
         }
     }

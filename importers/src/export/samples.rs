@@ -98,7 +98,7 @@ pub(crate) mod tests {
                 } else {
                     turned
                 };
-                GridFrame { spacing: DVec3::from_array(spacing), origin, direction }
+                GridFrame { spacing: DVec3::from_array(spacing), origin, direction, space: None }
             })
     }
 }

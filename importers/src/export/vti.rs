@@ -8,7 +8,7 @@ use crate::Note;
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use glam::DVec3;
-use oblate_volumes::{Volume, Voxels};
+use oblate_volumes::{Space, Volume, Voxels};
 use rayon::prelude::*;
 use std::io::{self, Write};
 
@@ -65,7 +65,8 @@ pub(crate) fn write(
         }
     }
     writeln!(out, "\n</AppendedData>\n</VTKFile>")?;
-    Ok(Vec::new())
+    let unnamed = |space: Space| Note::LeftOut(format!("the name of the space, {}", space.name()));
+    Ok(frame.space.map(unnamed).into_iter().collect())
 }
 
 fn header(out: &mut dyn Write, numbers: &[usize]) -> io::Result<()> {
@@ -116,6 +117,18 @@ mod tests {
             for packing in [Packing::Raw, Packing::Deflated] {
                 assert!(there_and_back(&volume, packing) == volume, "{}", volume.voxels().type_name());
             }
+        }
+    }
+
+    #[test]
+    fn the_name_of_a_space_is_left_out() {
+        let frame = GridFrame { space: Some(Space::Ras), ..GridFrame::default() };
+        let left_out = Note::LeftOut("the name of the space, right-anterior-superior".into());
+        for volume in volumes(frame, false) {
+            assert_eq!(
+                write(&volume, Packing::Raw, &mut Vec::new()).unwrap(),
+                std::slice::from_ref(&left_out)
+            );
         }
     }
 

@@ -35,14 +35,15 @@ const ATTRIBUTE: &str = "scalar_";
 /// Reads points: the vertices of a file without faces.
 pub(super) fn read(file: &File, header: &Header, element: &Element) -> Result<Opened, ImportError> {
     let mut places: Vec<Option<usize>> = vec![None; element.properties.len()];
-    let property = |name: &str| element.properties.iter().position(|property| property.name == name);
+    let property =
+        |name: &str| element.properties.iter().position(|property| property.name.eq_ignore_ascii_case(name));
     for (number, names) in NAMES {
         if let Some(index) = names.iter().find_map(|name| property(name)) {
             places[index] = Some(number);
         }
     }
     let attribute = || element.properties.iter().position(|property| property.name.starts_with(ATTRIBUTE));
-    let intensities = ["intensity", "scalar_Intensity", "scalar_intensity"];
+    let intensities = ["intensity", "scalar_intensity"];
     if let Some(index) = intensities.iter().find_map(|name| property(name)).or_else(attribute) {
         places[index] = Some(INTENSITY);
     }
@@ -62,8 +63,7 @@ pub(super) fn read(file: &File, header: &Header, element: &Element) -> Result<Op
         normals: three(NORMAL),
         radii: places.contains(&Some(RADIUS)),
     };
-    // Integers are shares of their type's largest value.
-    let white = |channel: usize| {
+    let largest = |channel: usize| {
         let found =
             element.properties.iter().zip(&places).find(|(_, place)| **place == Some(COLOR + channel));
         found.and_then(|(property, _)| match property.kind {
@@ -71,8 +71,8 @@ pub(super) fn read(file: &File, header: &Header, element: &Element) -> Result<Op
             Kind::List { .. } => None,
         })
     };
-    let [white, green, blue] = [0, 1, 2].map(white);
-    if has.colors && (white != green || white != blue) {
+    let [red, green, blue] = [0, 1, 2].map(largest);
+    if has.colors && (red != green || red != blue) {
         return Err(file.malformed(Place::Whole, "red, green and blue of vertices must be of one type"));
     }
     let mut body = Body::at(file, header, element)?;
@@ -92,9 +92,28 @@ pub(super) fn read(file: &File, header: &Header, element: &Element) -> Result<Op
     if header.end().is_none() && last.is_some_and(|last| last.name == element.name) {
         gather.notes.extend(body.rest());
     }
-    gather.decode_colors(Some(white.unwrap_or(1.0) as f32));
+    let white = has.colors.then(|| white(&mut gather, red.map(|largest| largest as f32)));
+    gather.decode_colors(white);
     for other in header.elements.iter().filter(|other| other.name != element.name && other.rows > 0) {
         gather.notes.push(Note::LeftOut(format!("{} rows of element {}", other.rows, quoted(&other.name))));
     }
     gather.finish(file)
+}
+
+/// The brightest colour's value: by rights 1 of floating point, the type's `largest` of integers; else, which is noted, that
+/// of 8 or 16 bits where all colours keep to it, as some programs write them in wider types.
+fn white(gather: &mut Gather, largest: Option<f32>) -> f32 {
+    let brightest = gather.brightest();
+    let meant = largest.unwrap_or(1.0);
+    // Floating point a little above 1 is a bright colour; nothing in 8 bits would be as dark.
+    let right = if largest.is_some() { brightest == 0.0 || meant <= 255.0 } else { brightest <= 2.0 };
+    let narrower = || gather.white(&[255.0, 65535.0]).filter(|white| largest.is_none() || *white < meant);
+    match narrower().filter(|_| !right) {
+        Some(white) => {
+            let what = format!("colours go up to {white}, though those of their type go up to {meant}");
+            gather.notes.push(Note::Assumed(what));
+            white
+        }
+        None => meant,
+    }
 }

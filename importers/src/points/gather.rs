@@ -84,6 +84,12 @@ impl Gather {
         self.cloud.colors.iter().flatten().flatten().copied().fold(0.0, f32::min)
     }
 
+    /// The least of `whites`, which rise, that no colour exceeds.
+    pub(crate) fn white(&self, whites: &[f32]) -> Option<f32> {
+        let brightest = self.brightest();
+        whites.iter().copied().find(|white| brightest <= *white)
+    }
+
     /// Makes display-encoded colours linear, `white` being the value of the brightest; without one they are none.
     pub(crate) fn decode_colors(&mut self, white: Option<f32>) {
         match (white, &mut self.cloud.colors) {

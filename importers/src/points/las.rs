@@ -170,15 +170,11 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportE
             gather.notes.push(Note::LeftOut(format!("{count} of {} points, {what}", header.count)));
         }
     }
-    let white = match gather.brightest() {
-        0.0 => None,
-        brightest if brightest <= 255.0 => {
-            let what = "no colour is above 255: they are 8-bit values, though the format's have 16 bits";
-            gather.notes.push(Note::Assumed(what.into()));
-            Some(255.0)
-        }
-        _ => Some(65535.0),
-    };
+    let white = gather.white(&[0.0, 255.0, 65535.0]).filter(|white| *white > 0.0);
+    if white == Some(255.0) {
+        let what = "no colour is above 255: they are 8-bit values, though the format's have 16 bits";
+        gather.notes.push(Note::Assumed(what.into()));
+    }
     gather.decode_colors(white);
     gather.finish(file)
 }

@@ -3,7 +3,7 @@
 //! These formats have no standard. Values are separated by spaces, tabs, commas or semicolons (commas between digits beside
 //! other separators are refused: they may be decimal ones); lines that are empty or begin with
 //! `#` or `//` are skipped, and so is the first other line if it doesn't begin with a number: it names the columns, and is
-//! not understood. A first line of one whole number is the number of points (PTS), which must be right. How many columns there
+//! not understood but of seven. A first line of one whole number is the number of points (PTS), which must be right. How many columns there
 //! are, the same in all lines, tells what they mean:
 //!
 //! | columns | mean |
@@ -11,8 +11,11 @@
 //! | 3 | x y z |
 //! | 4 | x y z intensity |
 //! | 6 | x y z red green blue; or a normal, in files named `.xyzn` and where one of the last three is negative anywhere |
-//! | 7 | x y z intensity red green blue (PTS) |
+//! | 7 | x y z intensity red green blue (PTS), or x y z red green blue intensity |
 //! | 9 | x y z red green blue, and a normal |
+//!
+//! Of seven columns the intensity is the last where a line above the points names colours before it, or, without such a line,
+//! where the three before it are integers up to 255 everywhere and it isn't. What is taken is noted, but for PTS with its count.
 //!
 //! Colours are sRGB-encoded; a negative one is refused, since the columns are others then. White is 1 where none is above 1, else 255, else 65535.
 
@@ -47,8 +50,11 @@ pub(crate) fn read(file: &File) -> Result<Opened, ImportError> {
     let (intensity, color, normal) = match columns {
         3 => (None, None, None),
         4 => (Some(3), None, None),
-        6 if named_normals || any_negative(&rows, &first)? => (None, None, Some(3)),
+        6 if named_normals || !all(&rows, &first, |row| !row.iter().skip(3).any(|value| *value < 0.0))? => {
+            (None, None, Some(3))
+        }
         6 => (None, Some(3), None),
+        7 if declared.is_none() && scalar_is_last(text, &rows, &first)? => (Some(6), Some(3), None),
         7 => (Some(3), Some(4), None),
         9 => (None, Some(3), Some(6)),
         _ => {
@@ -70,6 +76,14 @@ pub(crate) fn read(file: &File) -> Result<Opened, ImportError> {
     let mut next = Some((line, first));
     while let Some((line, row)) = next {
         if row.length != columns {
+            if row.length == 1 && declared.is_some() {
+                let problem = format!(
+                    "one number among points, as if {} more followed: the first line's count of points is for all of a file; \
+                     several scans are not read from one",
+                    row.numbers[0]
+                );
+                return Err(file.unsupported(Place::Line(line), problem));
+            }
             let problem = format!("{} values; the first point has {columns}", row.length);
             return Err(file.malformed(Place::Line(line), problem));
         }
@@ -93,12 +107,21 @@ pub(crate) fn read(file: &File) -> Result<Opened, ImportError> {
             "the last three of six columns are normals, since one is negative; otherwise they are colours";
         gather.notes.push(Note::Assumed(what.into()));
     }
+    if columns == 7 && declared.is_none() {
+        let last = intensity == Some(6);
+        let order = if last { "red green blue intensity" } else { "intensity red green blue" };
+        gather.notes.push(Note::Assumed(format!("seven columns are x y z {order}")));
+    }
     if has.colors {
         let (darkest, brightest) = (gather.darkest(), gather.brightest());
         if darkest < 0.0 {
             let problem = format!(
                 "a colour is {darkest}; {columns} columns are taken for {}",
-                if columns == 7 { "x y z intensity r g b" } else { "x y z r g b and a normal" }
+                match (columns, intensity) {
+                    (7, Some(6)) => "x y z r g b intensity",
+                    (7, _) => "x y z intensity r g b",
+                    _ => "x y z r g b and a normal",
+                }
             );
             return Err(file.malformed(Place::Whole, problem));
         }
@@ -177,20 +200,57 @@ fn has_decimal_commas(line: &[u8]) -> bool {
     line.contains(&b',') && words().nth(1).is_some() && line.windows(3).any(between)
 }
 
-/// Whether one of the last three of six columns is negative anywhere.
-fn any_negative<'a, L: Iterator<Item = (usize, &'a [u8])> + Clone>(
+/// Whether all lines pass a test, of which this is the first.
+fn all<'a, L: Iterator<Item = (usize, &'a [u8])> + Clone>(
+    rows: &Rows<'a, L>,
+    first: &Row,
+    test: impl Fn(&[f64]) -> bool,
+) -> Result<bool, ImportError> {
+    let mut rows = rows.clone();
+    if !test(first.values()) {
+        return Ok(false);
+    }
+    while let Some((_, row)) = rows.data(false)? {
+        if !test(row.values()) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+/// Whether the last of seven columns is the intensity, behind colours: as a line above the points says, else where the three
+/// before it look like colours, and it with two of them doesn't.
+fn scalar_is_last<'a, L: Iterator<Item = (usize, &'a [u8])> + Clone>(
+    text: &[u8],
     rows: &Rows<'a, L>,
     first: &Row,
 ) -> Result<bool, ImportError> {
-    let mut rows = rows.clone();
-    let negative = |row: &Row| row.values().iter().skip(3).any(|value| *value < 0.0);
-    if negative(first) {
-        return Ok(true);
+    if let Some(place) = named_colors(text) {
+        return Ok(place == 3);
     }
-    while let Some((_, row)) = rows.data(false)? {
-        if negative(&row) {
-            return Ok(true);
+    let is_byte = |value: &f64| value.fract() == 0.0 && (0.0..=255.0).contains(value);
+    Ok(all(rows, first, |row| row.iter().skip(3).take(3).all(is_byte))?
+        && !all(rows, first, |row| row.iter().skip(6).all(is_byte))?)
+}
+
+/// The column of red, where a line above the points names that, green and blue, and x, y, z first.
+fn named_colors(text: &[u8]) -> Option<usize> {
+    for line in text.split(|&b| b == b'\n').map(<[u8]>::trim_ascii).filter(|line| !line.is_empty()) {
+        let is_comment = line.starts_with(b"#") || line.starts_with(b"//");
+        let line = String::from_utf8_lossy(line).to_ascii_lowercase();
+        let separates = |c: char| c.is_whitespace() || matches!(c, ',' | ';' | '#' | '/');
+        let words: Vec<&str> = line.split(separates).filter(|word| !word.is_empty()).collect();
+        let starts = |at: usize, names: [&[&str]; 3]| {
+            let found = words.get(at..at + 3);
+            found.is_some_and(|words| words.iter().zip(names).all(|(word, names)| names.contains(word)))
+        };
+        if starts(0, [&["x"], &["y"], &["z"]]) {
+            let colors = [&["r", "red", "rf"][..], &["g", "green", "gf"], &["b", "blue", "bf"]];
+            return (3..words.len()).find(|at| starts(*at, colors));
+        }
+        if !is_comment {
+            return None;
         }
     }
-    Ok(false)
+    None
 }

@@ -12,10 +12,11 @@
 //!   along rows (ImageOrientationPatient's first vector, PixelSpacing's second number), y down columns, z from slice to slice;
 //!   ImagePositionPatient is the centre of the first voxel.
 //! - **Order**: by position along the normal of the rows, ascending. Steps between positions must be equal within 1 % of the
-//!   step; a missing slice or two slices at one place are refused. A tilted gantry gives a sheared grid. Where slices have no
+//!   step and the rounding of places; a missing slice or two slices at one place are refused. A tilted gantry gives a sheared grid. Where slices have no
 //!   position they follow InstanceNumber, SpacingBetweenSlices (else SliceThickness, else 1) apart, and this is noted.
 //! - **Values**: RescaleSlope · stored + RescaleIntercept. They are `u8` where 8 bits unsigned are stored and not rescaled,
 //!   else the first of `i16`, `u16` that holds all of them where the slope is 1 and the intercept an integer, else `f32`.
+//!   Padding (PixelPaddingValue, up to PixelPaddingRangeLimit) gets the least value of the other samples, which is noted.
 //!   MONOCHROME1 says that low values are shown bright; values are kept and this is noted.
 //!
 //! Source: NEMA PS3.3 (C.7.6.2, C.7.6.3, C.11.1), PS3.5 (7.5, A.4, annex G), PS3.10, 2024.
@@ -28,7 +29,7 @@ use crate::volumes::frame;
 use crate::volumes::slices;
 use crate::{Content, ImportError, Note, OpenOptions, Opened, Place};
 use glam::{DMat3, DVec3};
-use oblate_volumes::{GridFrame, Volume, Voxels};
+use oblate_volumes::{GridFrame, Space, Volume, Voxels};
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -47,6 +48,9 @@ const RESCALE_SLOPE: u32 = 0x0028_1053;
 /// Steps between slices are equal within this share of a step.
 const STEP_TOLERANCE: f64 = 0.01;
 
+/// And within this, in millimetres, and a tenth of a step: thin slices' places are rounded to 0.01.
+const PLACE_TOLERANCE: f64 = 0.03;
+
 /// Directions, and spacings of pixels relative to themselves, are equal within this: files write six digits.
 const SAME: f64 = 1e-4;
 
@@ -55,7 +59,7 @@ struct Slice {
     path: PathBuf,
     pixels: Pixels,
     compressed: bool,
-    /// Values after rescaling.
+    /// Values after rescaling; NaN where they are padding.
     values: Vec<f32>,
     /// Whether rescaling keeps integers.
     integral: bool,
@@ -190,7 +194,7 @@ impl Slice {
         let intercept = rescale(RESCALE_INTERCEPT, "RescaleIntercept", 0.0)?;
         let (pixels, values) =
             dicom_pixels::read(file, set, |stored| (slope * f64::from(stored) + intercept) as f32)?;
-        if !values.iter().all(|value| value.is_finite()) {
+        if values.iter().any(|value| value.is_infinite()) {
             let problem = format!("slope {slope} and intercept {intercept} lead out of single precision");
             return Err(file.malformed(Place::Part("RescaleSlope".into()), problem));
         }
@@ -300,9 +304,12 @@ fn join(
     let step = step.unwrap_or_else(|| normal * slices[0].step.unwrap_or(1.0));
     let origin = slices[0].position.filter(|_| placed).unwrap_or(DVec3::ZERO);
     let frame = frame::of_edges(origin, DMat3::from_cols(axes[0] * x, axes[1] * y, step));
-    let frame = GridFrame { spacing: options.spacing.unwrap_or(frame.spacing), ..frame };
+    // Without directions nobody knows where the patient's are.
+    let space = slices[0].axes.map(|_| Space::Lps);
+    let frame = GridFrame { spacing: options.spacing.unwrap_or(frame.spacing), space, ..frame };
     let Pixels { columns, rows, .. } = slices[0].pixels;
     let dims = [usize::from(columns), usize::from(rows), slices.len()];
+    notes.extend(replace_padding(&mut slices));
     let volume = Volume::new(dims, voxels(slices), frame)
         .map_err(|source| ImportError::Volume { path: file.path.clone(), source })?;
     Ok(Opened::noting(Content::Volume(volume), notes))
@@ -328,22 +335,32 @@ fn sort_by_position(file: &File, slices: &mut [Slice], normal: DVec3) -> Result<
     slices.sort_by(|a, b| along(a).total_cmp(&along(b)).then_with(|| a.path.cmp(&b.path)));
     let Some(count) = slices.len().checked_sub(1).filter(|count| *count > 0) else { return Ok(None) };
     let steps: Vec<DVec3> = slices.windows(2).map(|pair| position(&pair[1]) - position(&pair[0])).collect();
-    // The usual step, which a gap doesn't change.
-    let mut lengths: Vec<f64> = slices.windows(2).map(|pair| along(&pair[1]) - along(&pair[0])).collect();
-    let found = lengths.clone();
-    lengths.sort_by(f64::total_cmp);
-    let usual = lengths[count / 2];
-    let usual_step = steps[found.iter().position(|length| *length == usual).unwrap_or(0)];
+    // The usual step, which neither a gap nor a shift changes.
+    let median = |mut numbers: Vec<f64>| {
+        numbers.sort_by(f64::total_cmp);
+        numbers[count / 2]
+    };
+    let found: Vec<f64> = slices.windows(2).map(|pair| along(&pair[1]) - along(&pair[0])).collect();
+    let usual = median(found.clone());
+    let usual_step = DVec3::from([0, 1, 2].map(|axis| median(steps.iter().map(|step| step[axis]).collect())));
     for (index, (step, length)) in steps.iter().zip(&found).enumerate() {
         let (before, after) = (slices[index].name(), slices[index + 1].name());
         if *length <= 0.0 {
             let feature = format!("{before} and {after} are at one place; slices of one time are read");
             return Err(file.unsupported(Place::Whole, feature));
         }
-        if (*step - usual_step).length() > STEP_TOLERANCE * usual {
-            let feature = format!(
-                "slices are not evenly spaced: {before} and {after} are {length} apart along the normal, others {usual}"
-            );
+        let off = *step - usual_step;
+        if off.length() > STEP_TOLERANCE * usual + PLACE_TOLERANCE.min(0.1 * usual) {
+            let (along, across) = ((length - usual).abs(), off.reject_from(normal).length());
+            let feature = if along >= across {
+                format!(
+                    "slices are not evenly spaced: {before} and {after} are {length} apart along the normal, others {usual}"
+                )
+            } else {
+                format!(
+                    "slices are not in line: from {before} to {after} their plane moves by {across:.3} in itself, against others"
+                )
+            };
             return Err(file.unsupported(Place::Whole, feature));
         }
     }
@@ -364,6 +381,25 @@ fn sort_by_instance(file: &File, slices: &mut [Slice]) -> Result<(), ImportError
             Err(file.unsupported(Place::Whole, feature))
         }
     }
+}
+
+/// Gives padding the least of the other values, where there are others.
+fn replace_padding(slices: &mut [Slice]) -> Option<Note> {
+    let all = || slices.iter().flat_map(|slice| &slice.values);
+    let count = all().filter(|value| value.is_nan()).count();
+    if count == 0 {
+        return None;
+    }
+    let least = all().copied().reduce(f32::min).filter(|least| !least.is_nan());
+    let Some(least) = least else {
+        return Some(Note::LeftOut("all samples, which are padding (PixelPaddingValue)".into()));
+    };
+    for value in slices.iter_mut().flat_map(|slice| &mut slice.values).filter(|value| value.is_nan()) {
+        *value = least;
+    }
+    let what =
+        format!("{count} samples of padding (PixelPaddingValue), which get the least of the others, {least}");
+    Some(Note::LeftOut(what))
 }
 
 /// The values of all slices in the type that fits.

@@ -168,8 +168,12 @@ impl<'a> Reader<'a> {
 }
 
 impl DataSet {
-    /// Reads a file that [`is_dicom`]; what is deflated unpacks to at most `max_memory`.
+    /// Reads a file; what is deflated unpacks to at most `max_memory`.
     pub(super) fn parse(file: &File, max_memory: u64) -> Result<Self, ImportError> {
+        if !is_dicom(&file.bytes) {
+            let feature = "DICM is not there, which files of DICOM begin with after 128 bytes; data sets without it are not read";
+            return Err(file.unsupported(Place::Byte(PREAMBLE), feature));
+        }
         let explicit = Syntax { explicit: true, endian: Endian::Little };
         let body = PREAMBLE + 4;
         let bytes = file.bytes.get(body..).unwrap_or_default();

@@ -18,6 +18,8 @@ const BITS_ALLOCATED: u32 = 0x0028_0100;
 const BITS_STORED: u32 = 0x0028_0101;
 const HIGH_BIT: u32 = 0x0028_0102;
 const REPRESENTATION: u32 = 0x0028_0103;
+const PADDING: u32 = 0x0028_0120;
+const PADDING_LIMIT: u32 = 0x0028_0121;
 
 /// Samples that a byte can hold at most: RLE writes 128 with two, and JPEG 64 with a bit.
 const EXPANSION_LIMIT: usize = 1032;
@@ -34,7 +36,7 @@ pub(super) struct Pixels {
     pub(super) inverted: bool,
 }
 
-/// A file's frame and the values of its stored numbers, row by row.
+/// A file's frame and the values of its stored numbers, row by row; NaN where they are padding.
 pub(super) fn read(
     file: &File,
     set: &DataSet,
@@ -97,9 +99,22 @@ pub(super) fn read(
     let bytes = bytes.map_err(|problem| file.malformed(part("PixelData"), problem))?;
     // What lies above the bits that count is no part of the number.
     let unused = 32 - u32::from(bits);
-    let number = |word: u16| {
+    let stored = |word: u16| {
         let shifted = u32::from(word) << unused;
-        value(if signed { shifted.cast_signed() >> unused } else { (shifted >> unused).cast_signed() })
+        if signed { shifted.cast_signed() >> unused } else { (shifted >> unused).cast_signed() }
+    };
+    // Padding is a number as stored, or all from it to its limit.
+    let padding = set.short(PADDING).map(|padding| {
+        let ends = [padding, set.short(PADDING_LIMIT).unwrap_or(padding)].map(stored);
+        ends[0].min(ends[1])..=ends[0].max(ends[1])
+    });
+    let number = |word: u16| {
+        let stored = stored(word);
+        if padding.as_ref().is_some_and(|padding| padding.contains(&stored)) {
+            f32::NAN
+        } else {
+            value(stored)
+        }
     };
     let endian = if set.packing == Packing::Native { set.endian } else { Endian::Little };
     let values = match size {

@@ -5,13 +5,13 @@ use oblate_volumes::GridFrame;
 
 /// The frame in which index (i, j, k) lies at `origin` + `edges` · (i, j, k): each column of `edges` is the step from
 /// one sample to the next. Negative spacings turn the axis; steps that are not finite or 0 make a frame that no
-/// volume accepts.
+/// volume accepts. The space is not named.
 pub(crate) fn of_edges(origin: DVec3, edges: DMat3) -> GridFrame {
     let spacing = DVec3::new(edges.x_axis.length(), edges.y_axis.length(), edges.z_axis.length());
     // Divided, not multiplied with reciprocals: an axis of the world stays one.
     let direction =
         DMat3::from_cols(edges.x_axis / spacing.x, edges.y_axis / spacing.y, edges.z_axis / spacing.z);
-    GridFrame { spacing, origin, direction }
+    GridFrame { spacing, origin, direction, space: None }
 }
 
 /// First coordinate and step of an axis whose steps are all the same; `None` where they are not.

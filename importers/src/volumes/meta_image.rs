@@ -18,7 +18,7 @@ use crate::volumes::frame;
 use crate::volumes::voxels::{Layout, Samples};
 use crate::{Content, Endian, ImportError, Note, OpenOptions, Opened, Place};
 use glam::{DMat3, DVec3};
-use oblate_volumes::GridFrame;
+use oblate_volumes::{GridFrame, Space};
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::str::FromStr;
@@ -238,7 +238,8 @@ impl<'a> Header<'a> {
             }))
         });
         let edges = directions * DMat3::from_diagonal(first_three(spacing, DVec3::ONE));
-        Ok(frame::of_edges(first_three(origin, DVec3::ZERO), edges))
+        let frame = frame::of_edges(first_three(origin, DVec3::ZERO), edges);
+        Ok(GridFrame { space: Some(Space::Lps), ..frame })
     }
 
     fn intensities(&self, notes: &mut Vec<Note>) -> Result<(), ImportError> {

@@ -19,7 +19,7 @@ use crate::volumes::frame;
 use crate::volumes::voxels::{Layout, Samples};
 use crate::{Content, Endian, ImportError, Note, OpenOptions, Opened, Place};
 use glam::{DMat3, DQuat, DVec3};
-use oblate_volumes::GridFrame;
+use oblate_volumes::{GridFrame, Space};
 use std::borrow::Cow;
 
 /// Bytes of a NIfTI-2 header, the longer one.
@@ -270,7 +270,7 @@ impl<'a> Header<'a> {
             let rows = [0, 4, 8].map(|first| self.vector(SROW, first));
             let origin = DVec3::from_array([3, 7, 11].map(|index| self.number(SROW, index)));
             let edges = DMat3::from_cols(rows[0], rows[1], rows[2]).transpose();
-            return Ok(frame::of_edges(origin, edges));
+            return Ok(GridFrame { space: Some(Space::Ras), ..frame::of_edges(origin, edges) });
         }
         let spacing = self.spacing(notes)?;
         if self.number(QFORM_CODE, 0) > 0.0 {
@@ -279,7 +279,8 @@ impl<'a> Header<'a> {
             if self.number(PIXDIM, 0) < 0.0 {
                 edges.z_axis = -edges.z_axis;
             }
-            return Ok(frame::of_edges(self.vector(QOFFSET, 0), edges));
+            let frame = frame::of_edges(self.vector(QOFFSET, 0), edges);
+            return Ok(GridFrame { space: Some(Space::Ras), ..frame });
         }
         notes.push(Note::Assumed(
             "x, y, z along the grid's axes from the first sample on, as sform_code and qform_code are 0"

@@ -3,7 +3,7 @@
 //! Source: Kindlmann, *Definition of NRRD File Format*, teem.sourceforge.net/nrrd/format.html (NRRD0005).
 //! Encodings raw, gzip and ascii; three axes, or four of which one has a single sample. `space directions`
 //! and `space origin` are taken as they stand, in the file's own space: a left-posterior-superior file
-//! keeps its axes. Without them `spacings` and `axis mins` count. An unknown spacing (NaN) is 1; a negative one turns
+//! keeps its axes, and the frame its name. Without them `spacings` and `axis mins` count. An unknown spacing (NaN) is 1; a negative one turns
 //! its axis.
 
 use crate::Endian;
@@ -14,7 +14,7 @@ use crate::volumes::frame;
 use crate::volumes::voxels::{Layout, Samples};
 use crate::{ImportError, OpenOptions, Place};
 use glam::{DMat3, DVec3};
-use oblate_volumes::{GridFrame, Volume, Voxels};
+use oblate_volumes::{GridFrame, Space, Volume, Voxels};
 use std::borrow::Cow;
 use std::collections::HashMap;
 
@@ -35,7 +35,7 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Volume, ImportE
     let sizes: Vec<usize> = header.list(file, "sizes")?;
     let dims = axes.map(|axis| sizes[axis]);
     let layout = Layout { dims, scalar: scalar(file, &header)?, endian: endian(file, &header)? };
-    let frame = grid_frame(file, &header, axes, dims)?;
+    let frame = GridFrame { space: space(&header), ..grid_frame(file, &header, axes, dims)? };
     let voxels = voxels(file, &header, &layout, options.max_memory)?;
     layout.placed(file, voxels, frame, options)
 }
@@ -72,7 +72,12 @@ impl Header {
                 Some(colon) => {
                     let name: String = text[..colon].split_whitespace().collect();
                     let value = text[colon + 1..].trim().to_owned();
+                    let is_list = name.eq_ignore_ascii_case("datafile") && value.starts_with("LIST");
                     header.fields.insert(name.to_ascii_lowercase(), (number, value));
+                    // Names of files follow, and nothing else.
+                    if is_list {
+                        break;
+                    }
                 }
                 None => {
                     let problem = format!("{} is neither \"field: value\" nor \"key:=value\"", quoted(text));
@@ -211,6 +216,19 @@ fn vectors(file: &File, place: Place, text: &str) -> Result<Vec<Option<DVec3>>, 
         rest = after.trim_start();
     }
     Ok(found)
+}
+
+/// The space that the file names; what is no name of one says nothing.
+fn space(header: &Header) -> Option<Space> {
+    let (_, name) = header.get(&["space"])?;
+    match name.to_ascii_uppercase().as_str() {
+        "RAS" => Some(Space::Ras),
+        "LAS" => Some(Space::Las),
+        "LPS" => Some(Space::Lps),
+        "3DR" => Some(Space::RightHanded),
+        "3DL" => Some(Space::LeftHanded),
+        _ => Space::ALL.into_iter().find(|space| space.name().eq_ignore_ascii_case(name)),
+    }
 }
 
 fn grid_frame(

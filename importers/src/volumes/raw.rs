@@ -13,7 +13,7 @@ use crate::{ImportError, OpenOptions, Place};
 use oblate_volumes::{Grid, GridFrame, Volume, Voxels};
 use std::fmt;
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use thiserror::Error;
 
@@ -175,12 +175,24 @@ pub(crate) fn layout(file: &File, options: &OpenOptions) -> Result<RawLayout, Im
     if let (Some(dims), Some(sample_type)) = (named.dims, named.sample_type) {
         return Ok(RawLayout { dims, sample_type, endian: named.endian.unwrap_or_default() });
     }
+    if let Some(header) = header_beside(&file.path) {
+        let feature = format!("it holds the samples of {}; open that", header.display());
+        return Err(file.unsupported(Place::Whole, feature));
+    }
     let missing = match (named.dims, named.sample_type) {
         (Some(_), _) => "give their number type (u8, u16, i16 or f32) and byte order",
         (_, Some(_)) => "give their dims (such as 256x256x128)",
         _ => "give their dims (such as 256x256x128), number type (u8, u16, i16 or f32) and byte order",
     };
     Err(ImportError::Unknown { path: file.path.clone(), missing: missing.into() })
+}
+
+/// The `.hdr` beside an `.img`, also under gzip, of NIfTI or Analyze.
+fn header_beside(path: &Path) -> Option<PathBuf> {
+    let is = |path: &Path, ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
+    let plain = if is(path, "gz") { path.with_extension("") } else { path.to_owned() };
+    let endings = ["hdr", "HDR", "hdr.gz"].map(|ending| plain.with_extension(ending));
+    endings.into_iter().find(|header| is(&plain, "img") && header.exists())
 }
 
 /// Raw samples, also under gzip.
@@ -231,6 +243,20 @@ impl RawSlices {
     /// When the file can't be read or has another number of bytes than its layout needs, or nothing tells the layout.
     pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Self, ImportError> {
         let source = Source::open(path.as_ref(), options.watch.as_ref())?;
+        let format = format::of(&source.head, source.size, options.raw.is_some());
+        let refused = if options.raw.is_none() && format.name != "raw" {
+            Some(format!(
+                "it is {}; only raw samples are read slice by slice (as which it is read where their dims are given)",
+                format.name
+            ))
+        } else if source.head.bytes.starts_with(&inflate::GZIP) && options.raw.is_none() {
+            Some("it is compressed by gzip; unpack it to read it slice by slice".into())
+        } else {
+            None
+        };
+        if let Some(feature) = refused {
+            return Err(source.head.unsupported(Place::Whole, feature));
+        }
         let RawLayout { dims, sample_type, endian } = layout(&source.head, options)?;
         let layout = Layout { dims, scalar: sample_type.scalar(), endian };
         let expected = layout.bytes(&source.head)?;
@@ -282,6 +308,12 @@ mod tests {
             let part = samples[range.start.min(5) * 12..range.end.min(5) * 12].to_vec();
             assert_eq!(slices.read(range.clone()).unwrap(), Voxels::U16(part), "{range:?}");
         }
+        let other = |name: &str, bytes: &[u8]| {
+            std::fs::write(folder.path().join(name), bytes).unwrap();
+            RawSlices::open(folder.path().join(name), &OpenOptions::default()).err().unwrap().to_string()
+        };
+        assert!(other("a.nrrd", b"NRRD0004\n").contains("it is NRRD; only raw samples"));
+        assert!(other("a_4x3x5_u8.raw.gz", b"\x1f\x8b\x08").contains("compressed by gzip"));
         // Another layout than the bytes have.
         let raw = RawLayout { dims: [4, 3, 5], sample_type: SampleType::U8, endian: Endian::Big };
         let options = OpenOptions { raw: Some(raw), ..OpenOptions::default() };

@@ -11,6 +11,7 @@
 //! Spacing, in the file's own unit of length:
 //! - **ImageJ** (an ImageDescription that begins with `ImageJ=`): z is `spacing`, else 1; x and y are 1/XResolution and
 //!   1/YResolution, which count in `unit`, where both are there, else 1.
+//!   Values are `c0` + `c1` · stored where `cf` is 0: signed numbers of 16 bits, which ImageJ stores as unsigned ones, are `i16`, others `f32`.
 //! - **OME-TIFF** (XML as ImageDescription): `PhysicalSizeX`, `Y`, `Z` of `Pixels`, each 1 where it is missing. Their units
 //!   must be the same.
 //! - Otherwise it is 1: a resolution for printing says nothing of z.
@@ -20,6 +21,7 @@
 use crate::file::File;
 use crate::grey::NATIVE;
 use crate::inflate;
+use crate::scalar::{Scalar, numbers};
 use crate::volumes::tiff_pages::{EXPANSION_LIMIT, Page, pages};
 use crate::volumes::voxels::Layout;
 use crate::volumes::xml;
@@ -37,6 +39,9 @@ pub(crate) struct Stack {
     pub(crate) bytes: Vec<u8>,
     pub(crate) notes: Vec<Note>,
 }
+
+/// What ImageJ's descriptions begin with.
+const IMAGE_J: &str = "ImageJ=";
 
 /// Bytes of a tile that is larger than its page, at most.
 const LARGEST_TILE: usize = 1 << 24;
@@ -133,7 +138,41 @@ fn decode(file: &File, pages: &[Page<'_>], max_memory: u64) -> Result<Stack, Imp
         let bright = "white is 0 in this file: values are turned round, so that bright is high";
         notes.push(Note::Assumed(bright.into()));
     }
-    Ok(Stack { layout, bytes, notes })
+    Ok(calibrated(first, Stack { layout, bytes, notes }))
+}
+
+/// What ImageJ adds to signed numbers of 16 bits, which it stores as unsigned ones.
+const SIGNED: f64 = -32768.0;
+
+/// A stack whose values are those that ImageJ's calibration makes of the stored ones, if the description says one.
+fn calibrated(first: &Page<'_>, mut stack: Stack) -> Stack {
+    let description = text(first.description);
+    let number = |key| image_j_value(&description, key).and_then(|value| value.parse::<f64>().ok());
+    let (Some(function), true) = (number("cf"), description.starts_with(IMAGE_J)) else { return stack };
+    let scalar = stack.layout.scalar;
+    match (function, number("c0"), number("c1")) {
+        (0.0, Some(0.0), Some(1.0)) => {}
+        (0.0, Some(SIGNED), Some(1.0)) if scalar == Scalar::U16 && !first.white_is_zero => {
+            // Turns the highest bit over.
+            let signed = |stored: u16| (stored ^ 0x8000).cast_signed();
+            stack.bytes = numbers(&stack.bytes, NATIVE, u16::from_le_bytes)
+                .flat_map(|v| signed(v).to_ne_bytes())
+                .collect();
+            stack.layout.scalar = Scalar::I16;
+        }
+        (0.0, Some(c0), Some(c1))
+            if c0.is_finite() && c1.is_finite() && c1 != 0.0 && !first.white_is_zero =>
+        {
+            let value = |stored: f64| (c0 + c1 * stored) as f32;
+            stack.bytes = scalar.all(&stack.bytes, NATIVE).flat_map(|v| value(v).to_ne_bytes()).collect();
+            stack.layout.scalar = Scalar::F32;
+        }
+        _ => {
+            let what = format!("ImageJ's calibration (cf={function}): values are as they are stored");
+            stack.notes.push(Note::LeftOut(what));
+        }
+    }
+    stack
 }
 
 /// Text of a field, which ends with a zero: UTF-8, else Latin-1, in which ImageJ writes `µm`.
@@ -147,7 +186,7 @@ fn text(bytes: &[u8]) -> String {
 
 fn spacing(file: &File, first: &Page<'_>, slices: usize) -> Result<(DVec3, Option<Note>), ImportError> {
     let description = text(first.description);
-    if description.starts_with("ImageJ=") {
+    if description.starts_with(IMAGE_J) {
         image_j(file, first, &description, slices)
     } else if description.trim_start().starts_with('<') && description.contains("<OME") {
         ome(file, &description, slices).map(|spacing| (spacing, None))
@@ -156,16 +195,19 @@ fn spacing(file: &File, first: &Page<'_>, slices: usize) -> Result<(DVec3, Optio
     }
 }
 
+/// What ImageJ's description says of a key.
+fn image_j_value<'a>(description: &'a str, key: &str) -> Option<&'a str> {
+    let mut lines = description.lines().filter_map(|line| line.split_once('='));
+    lines.find(|(name, _)| name.trim() == key).map(|(_, value)| value.trim())
+}
+
 fn image_j(
     file: &File,
     first: &Page<'_>,
     description: &str,
     slices: usize,
 ) -> Result<(DVec3, Option<Note>), ImportError> {
-    let value = |key: &str| {
-        let lines = description.lines().filter_map(|line| line.split_once('='));
-        lines.filter(|(name, _)| name.trim() == key).map(|(_, value)| value.trim().to_owned()).next()
-    };
+    let value = |key: &str| image_j_value(description, key);
     let count = |key: &str| value(key).and_then(|value| value.parse::<u64>().ok()).unwrap_or(1);
     for (key, name) in [("channels", "channels"), ("frames", "times")] {
         if count(key) > 1 {

@@ -1,6 +1,7 @@
 use crate::common::{DIMS, Folder, assert_corner_marked, corner_marked, refused, volume};
 use glam::{DMat3, DVec3};
 use oblate_importers::{ImportError, Note, OpenOptions, Opened, open};
+use oblate_volumes::Space;
 
 const IMPLICIT: &str = "1.2.840.10008.1.2";
 const EXPLICIT: &str = "1.2.840.10008.1.2.1";
@@ -185,7 +186,7 @@ fn a_folder_and_a_file_of_it_are_the_series() {
     assert_eq!(of_folder.voxels().type_name(), "u8");
     let frame = of_folder.frame();
     assert_eq!((frame.spacing, frame.origin), (DVec3::new(0.5, 2.0, 3.0), DVec3::new(-10.0, 20.0, 0.0)));
-    assert_eq!(frame.direction, DMat3::IDENTITY);
+    assert_eq!((frame.direction, frame.space), (DMat3::IDENTITY, Some(Space::Lps)));
     // The preamble may be that of a TIFF.
     let mut both_formats = Slice::of_corner_marked(0).file();
     both_formats[..4].copy_from_slice(b"II*\0");
@@ -342,6 +343,36 @@ fn a_tilted_gantry_shears() {
 }
 
 #[test]
+fn padding_gets_the_least_value() {
+    // Slices of 12 signed bits with −2000 and −1999 in the first places, and −1 as the least elsewhere.
+    let padded = |k: usize, limit: Option<i16>| {
+        let mut slice = Slice::of_corner_marked(k).wide(12, true, |byte| (u16::from(byte)).wrapping_sub(3));
+        slice.pixels[0][..4].copy_from_slice(&[0x30, 0xf8, 0x31, 0xf8]);
+        slice = slice.with(short(0x0028_0120, (-2000_i16).cast_unsigned()));
+        slice = slice.with(text(0x0028_1053, "DS", "2")).with(text(0x0028_1052, "DS", "-1024"));
+        match limit {
+            Some(limit) => slice.with(short(0x0028_0121, limit.cast_unsigned())),
+            None => slice,
+        }
+    };
+    for (limit, count, low) in [(None, 1, -1999.0), (Some(-1900), 2, -1.0), (Some(-2040), 1, -1999.0)] {
+        for syntax in [EXPLICIT, IMPLICIT, BIG_ENDIAN] {
+            let opened = folder_of(&[padded(0, limit).written(syntax)]).1.unwrap();
+            let [Note::LeftOut(what)] = &opened.notes[..] else { panic!("{:?}", opened.notes) };
+            assert!(what.contains(&format!("{count} samples of padding")), "{what}");
+            let opened = volume(Ok(opened));
+            let least = 2.0 * low - 1024.0;
+            assert_eq!(opened.value_range().unwrap()[0], least);
+            assert_eq!(opened.value([0; 3]), least);
+        }
+    }
+    let mut all = padded(0, Some(2047));
+    all.pixels[0].fill(0);
+    let opened = folder_of(&[all]).1.unwrap();
+    assert!(matches!(&opened.notes[..], [Note::LeftOut(what)] if what.contains("all samples")));
+}
+
+#[test]
 fn slices_are_evenly_spaced() {
     let at = |z: f64| Slice::of_corner_marked(0).with(text(0x0020_0032, "DS", &format!("0\\0\\{z}")));
     let of = |places: &[f64]| folder_of(&places.iter().map(|z| at(*z)).collect::<Vec<_>>()).1;
@@ -353,6 +384,13 @@ fn slices_are_evenly_spaced() {
         "",
         &["not evenly spaced", "2 apart", "others 1", "image3 and image2"],
     );
+    // Places rounded to 0.01 leave steps of 0.32 and 0.33.
+    assert!(of(&[0.0, 0.33, 0.65, 0.98]).is_ok());
+    refused(of(&[0.0, 0.33, 0.65, 1.05]), "", &["not evenly spaced"]);
+    let shifted = |x: f64, z: f64| at(z).with(text(0x0020_0032, "DS", &format!("{x}\\0\\{z}")));
+    let (_, opened) =
+        folder_of(&[shifted(0.0, 0.0), shifted(0.0, 2.0), shifted(5.0, 4.0), shifted(5.0, 6.0)]);
+    refused(opened, "", &["not in line", "from image3 to image2", "by 5.000 in itself"]);
     refused(of(&[0.0, 1.0, 1.0, 2.0]), "", &["image2 and image3 are at one place"]);
     let unplaced =
         |k: usize| Slice::of_corner_marked(k).without(0x0020_0032).with(text(0x0018_0088, "DS", "7"));
@@ -410,5 +448,6 @@ fn what_does_not_fit_is_named() {
         matches!(&opened.notes[..], [Note::LeftOut(text)] if text.contains("1 DICOM files of the folder"))
     );
     Folder::new().refused("a.dcm", &bytes, &["PixelData", "no image"]);
+    Folder::new().refused("a.dcm", &bytes[132..], &["byte 128", "DICM is not there"]);
     Folder::new().refused("a.dcm", [&[0; 128][..], b"DICM"].concat(), &["byte 132", "no transfer syntax"]);
 }

@@ -121,6 +121,7 @@ fn corners_lie_where_the_header_says() {
     let options = OpenOptions { spacing: Some(glam::DVec3::splat(7.0)), ..OpenOptions::default() };
     let opened = volume(folder.open_with("a.mha", local("ElementSpacing = 1 -2 3\n"), &options));
     assert_eq!(opened.frame().spacing, glam::DVec3::splat(7.0));
+    assert_eq!(opened.frame().space, Some(oblate_volumes::Space::Lps));
 }
 
 #[test]

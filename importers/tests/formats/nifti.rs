@@ -173,6 +173,7 @@ fn pairs() {
     let folder = Folder::new();
     folder.refused("a.hdr", &header, &["byte 344", "a.img", "cannot be read"]);
     folder.write("a.img.gz", gzip(&samples));
+    folder.refused("a.img.gz", gzip(&samples), &["holds the samples of", "a.hdr; open that"]);
     assert_corner_marked(&folder.volume("a.hdr", &header));
     assert_corner_marked(&folder.volume("a.hdr.gz", gzip(&header)));
     folder.write("a.img", &samples);
@@ -253,6 +254,7 @@ fn an_oblique_quaternion_is_that_of_nibabel() {
         assert!(found.abs_diff_eq(column, 1e-7), "{found} should be {column}");
     }
     assert_eq!(opened.frame().origin, DVec3::new(10.0, -20.0, 30.0));
+    assert_eq!(opened.frame().space, Some(oblate_volumes::Space::Ras));
 }
 
 #[test]

@@ -1,6 +1,7 @@
 use crate::common::{Folder, as_text, assert_corner_marked, corner_marked, gzip, refused, volume, written};
 use glam::{DMat3, DVec3};
 use oblate_importers::OpenOptions;
+use oblate_volumes::Space;
 
 const PLAIN: &str = "NRRD0004\n# corners\ntype: uchar\ndimension: 3\nsizes: 4 3 2\nencoding: raw\n";
 
@@ -58,6 +59,12 @@ fn frames() {
     assert_eq!(oblique.spacing, DVec3::new(2.0, 3.0, 0.5));
     assert_eq!(oblique.direction, DMat3::from_cols(DVec3::Y, -DVec3::X, DVec3::Z));
     assert_eq!(oblique.origin, DVec3::new(1.0, 2.0, -3.0));
+    assert_eq!((oblique.space, frame("").space), (Some(Space::Lps), None));
+    for (name, space) in
+        [("RAS", Some(Space::Ras)), ("Left-Anterior-Superior", Some(Space::Las)), ("own", None)]
+    {
+        assert_eq!(frame(&format!("space: {name}\n")).space, space);
+    }
     // Four samples between 0 and 4 as cells are 1 apart from 0.5 on; as nodes between 0 and 3, from 0 on.
     let cells = frame("axis mins: 0 0 0\naxis maxs: 4 3 4\ncenters: cell cell cell\n");
     assert_eq!((cells.spacing, cells.origin), (DVec3::new(1.0, 1.0, 2.0), DVec3::new(0.5, 0.5, 1.0)));
@@ -137,6 +144,7 @@ fn what_is_wrong_is_said() {
     refuse("raw", "raw\nspace directions: (1,0,0)", &["line 7", "each spatial axis"]);
     refuse("raw", "raw\ndata file: gone.raw", &["line 7", "gone.raw"]);
     refuse("raw", "raw\ndata file: LIST", &["line 7", "several files"]);
+    refuse("raw", "raw\ndata file: LIST 2\na.raw\nb.raw", &["line 7", "several files"]);
     refuse("raw", "ascii", &["24 bytes of text cannot write 24 numbers"]);
     let text = |text: &str| with(&PLAIN.replace("raw", "ascii"), text.as_bytes());
     folder.refused("a.nrrd", text(&as_text().replace("20", "300")), &["\"300\"", "sample 10"]);

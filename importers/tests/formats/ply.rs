@@ -320,6 +320,27 @@ fn vertices_without_faces_are_points() {
         assert_eq!(cloud.intensities, Some(vec![0.75, 8.0]));
         assert_eq!(cloud.radii, Some(vec![0.5, 0.0]));
     }
+    // Values of 8 bits in wider types, and names in capitals.
+    for (kind, values, white) in [
+        ("float", "255 128 0", 255.0),
+        ("float", "1.5 0.5 0", 1.0),
+        ("int", "255 128 0", 255.0),
+        ("int", "65535 128 0", 65535.0),
+        ("ushort", "255 128 0", 255.0),
+        ("ushort", "65535 128 0", 65535.0),
+        ("uchar", "20 10 0", 255.0),
+    ] {
+        let color = format!("property {kind} Red\nproperty {kind} Green\nproperty {kind} Blue\n");
+        let head =
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n";
+        let opened = folder.open("b.ply", format!("{head}{color}end_header\n0 0 0 {values}\n")).unwrap();
+        let noted =
+            (kind == "ushort" && white == 255.0) || kind == "int" || (kind, white) == ("float", 255.0);
+        assert_eq!(opened.notes.len(), usize::from(noted), "{kind} {values}: {:?}", opened.notes);
+        let wanted: Vec<f32> =
+            values.split(' ').map(|v| srgb_to_linear(v.parse::<f32>().unwrap() / white)).collect();
+        assert_eq!(crate::common::points(Ok(opened)).colors.unwrap()[0][..], wanted, "{kind} {values}");
+    }
     let refuse = |from: &str, to: &str, parts: &[&str]| {
         let text = String::from_utf8(points("ascii")).unwrap();
         assert!(text.contains(from), "{from}");

@@ -10,7 +10,7 @@ use oblate_importers::depth::{
 };
 use oblate_importers::{Content, Endian, OpenOptions, RawLayout, SampleType, open};
 use oblate_surfels::{Mesh, Primitive};
-use oblate_volumes::{Partition, Residual, Volume, Voxels};
+use oblate_volumes::{GridFrame, Partition, Residual, Space, Volume, Voxels};
 use std::io::Read;
 use std::path::PathBuf;
 
@@ -125,7 +125,7 @@ fn tooth_is_nrrd() {
     let Some(tooth) = open_volume("volumes/tooth.nrrd") else { return };
     assert_eq!(tooth.dims(), [103, 94, 161]);
     assert!(matches!(tooth.voxels(), Voxels::U8(_)));
-    assert_eq!(tooth.frame(), Default::default());
+    assert_eq!(tooth.frame(), GridFrame { space: Some(Space::Lps), ..GridFrame::default() });
     // The file's first bytes of samples, as a hex dump shows them behind the header of 300 bytes.
     let bytes = std::fs::read(data("volumes/tooth.nrrd").unwrap()).unwrap();
     assert_eq!(tooth.voxels().len() + 300, bytes.len());

@@ -147,6 +147,10 @@ fn slices_must_be_alike_and_grey() {
     second(b"P5\n4\n", &["height above 0"]);
     second(b"P2\n4 3\n255\n1 2 3 4 5 6 7 8 9 10 11 300", &["\"300\""]);
     second(b"P2\n90000 90000\n255\n1", &["cannot write"]);
+    // A PNG of 4 bits, whose samples would be stretched: of the header the number of bits matters.
+    let mut few = grey_png(&[9; 12]);
+    few[24] = 4;
+    second(&few, &["4 bits a sample", "8 or 16"]);
     second(&png(&[9; 36], image::ExtendedColorType::Rgb8), &["Rgb8", "greyscale of 8 or 16 bits"]);
     second(&png(&[9; 24], image::ExtendedColorType::La8), &["La8"]);
     second(&tiff(&[9; 12])[..40], &["bytes"]);

@@ -264,6 +264,23 @@ fn spacing_of_image_j() {
         matches!(&notes[..], [Note::Assumed(text)] if text.contains("7 images; the 2 pages")),
         "{notes:?}"
     );
+    // Calibrations.
+    let values = |text: &str| {
+        let opened = described_by(&format!("ImageJ=1\n{text}"), &[]).unwrap();
+        let notes = opened.notes.len();
+        let volume = volume(Ok(opened));
+        (volume.voxels().type_name(), volume.value([0; 3]), volume.value([1, 0, 0]), notes)
+    };
+    assert_eq!(values("cf=0\nc0=0.0\nc1=1.0"), ("u8", 1.0, 11.0, 0));
+    assert_eq!(values("cf=0\nc0=-5\nc1=0.5\nvunit=HU"), ("f32", -4.5, 0.5, 0));
+    assert_eq!(values("cf=2\nc0=-5\nc1=0.5"), ("u8", 1.0, 11.0, 1));
+    let mut signed = fields([2, 1], 16, 1);
+    described(&mut signed, "ImageJ=1\ncf=0\nc0=-32768.0\nc1=1.0\n");
+    for form in FORMS {
+        let samples = [1_u16, 0x8005].map(|v| form.number(v.into(), 2)).concat();
+        let opened = folder.volume("signed.tif", form.file(&[(signed.clone(), samples)], None));
+        assert_eq!(opened.voxels(), &oblate_volumes::Voxels::I16(vec![-32767, 5]));
+    }
     refused(described_by("ImageJ=1\nimages=4\nchannels=2\n", &[]), "a.tif", &["ImageJ", "2 channels"]);
     refused(described_by("ImageJ=1\nframes=3\n", &[]), "a.tif", &["3 times"]);
     let mut one = bytes_changed(|_, fields| described(fields, "ImageJ=1\nimages=9\n"));

@@ -35,6 +35,16 @@ fn columns_tell_what_they_mean() {
 
     let pts = read("a.pts", "1\n1 2 3 -500 255 128 2\n");
     assert_eq!((pts.colors, pts.intensities), (colors(bytes), Some(vec![-500.0])));
+    // Scalars behind colours: as named, or as numbers show.
+    let named = "//X Y Z R G B Scalar_field\n1 2 3 255 128 2 77\n";
+    for text in [named, "1 2 3 255 128 2 -0.5\n4 5 6 0 0 0 8\n", "X;Y;Z;Rf;Gf;Bf;S\n1;2;3;0.5;0;1;9\n"] {
+        let read = read("a.asc", text);
+        let first = text.split([' ', ';', '\n']).filter_map(|word| word.parse().ok()).nth(6);
+        assert_eq!(read.intensities.unwrap().first().copied(), first, "{text}");
+        assert!(text.contains("Rf") || read.colors.unwrap()[0] == bytes.map(srgb_to_linear), "{text}");
+    }
+    let before = read("a.asc", "# x y z scalar r g b\n1 2 3 9 8 7 0.5\n");
+    assert_eq!(before.intensities, Some(vec![9.0]));
     let all = read("a.txt", "1 2 3 255 128 2 0 0 -1\n");
     assert_eq!((all.colors, all.normals), (colors(bytes), Some(vec![vec3(0.0, 0.0, -1.0)])));
 }
@@ -43,6 +53,13 @@ fn columns_tell_what_they_mean() {
 fn what_is_assumed_is_said() {
     let notes = |text: &str| Folder::new().open("a.xyz", text).unwrap().notes;
     assert_eq!(notes("0 0 0 9 0 0"), [Note::Assumed("colours go up to 255".into())]);
+    let seven = |order: &str, white: u8| {
+        let taken = format!("seven columns are x y z {order}");
+        [taken, format!("colours go up to {white}")].map(Note::Assumed)
+    };
+    assert_eq!(notes("0 0 0 9 8 7 6"), seven("intensity red green blue", 255));
+    assert_eq!(notes("0 0 0 9 8 7 6.5"), seven("red green blue intensity", 255));
+    assert_eq!(notes("1\n0 0 0 9 8 7 6.5").len(), 1);
     assert!(matches!(&notes("0 0 0 0 0 -1")[..], [Note::Assumed(what)] if what.contains("normals")));
     assert_eq!(
         notes("0 0 0\nnan 0 0"),
@@ -65,6 +82,7 @@ fn what_is_refused() {
         ("0 0 a\n", &["line 1", "\"a\" is no number"]),
         ("3\n0 0 0\n1 1 1\n", &["line 1", "3 points are said to follow; 2 do"]),
         ("3\n", &["line 1", "3 points are said to follow; none does"]),
+        ("1\n0 0 0\n1\n0 0 1\n", &["line 3", "one number", "several scans"]),
         ("0 0 0 70000 0 0\n", &["a colour is 70000"]),
         ("0 0 0\n4500000,125;5500000,5;300,25\n", &["line 2", "commas between digits"]),
         ("1,5 2,5 3,5\n", &["line 1", "commas between digits"]),

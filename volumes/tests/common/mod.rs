@@ -77,7 +77,12 @@ pub(crate) fn frames() -> Vec<(&'static str, GridFrame)> {
         DVec3::new(0.3, 1.0, 0.0).normalize(),
         DVec3::new(-0.2, 0.1, 1.0).normalize(),
     );
-    let frame = |spacing, direction| GridFrame { spacing, direction, origin: DVec3::new(3.0, -7.0, 11.0) };
+    let frame = |spacing, direction| GridFrame {
+        spacing,
+        direction,
+        origin: DVec3::new(3.0, -7.0, 11.0),
+        ..GridFrame::default()
+    };
     vec![
         ("even", GridFrame::default()),
         ("1:1:2", frame(uneven, DMat3::IDENTITY)),
