@@ -6,14 +6,15 @@ use crate::detail::levels_pay;
 use crate::draw::Drawing;
 use crate::finish::{Paint, kept};
 use crate::framing::{View, farthest, outline};
+use crate::points::placed_settings;
 use crate::progress::Console;
 use crate::volume_looks::{Field, volume_clouds};
 use anyhow::{Context, Result, ensure};
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 use oblate::engine::{Camera, Cloud, HalfSpace, Light, Scene};
 use oblate::surfels::{
-    Density, Mesh, PointCloud, PointColor, PointSettings, SamplerSettings, point_surfels, sample,
-    sample_seen, seen_count, shown_spacing, view_spacing,
+    Density, Mesh, SamplerSettings, point_surfels, sample, sample_seen, seen_count, shown_spacing,
+    view_spacing,
 };
 use rayon::prelude::*;
 
@@ -42,6 +43,8 @@ pub(crate) struct Assembled {
 struct Standing {
     name: String,
     cloud: Cloud,
+    /// The number of the first of its places.
+    place: usize,
     moves: Vec<DAffine3>,
     /// What of the world it is left in.
     kept: Vec<HalfSpace>,
@@ -53,11 +56,12 @@ impl Standing {
         if self.kept.is_empty() {
             return Ok(vec![self]);
         }
-        let in_place = |to: &DAffine3| {
+        let in_place = |(number, to): (usize, &DAffine3)| {
             let cloud = self.cloud.clone().transformed(*to).clipped(&self.kept)?;
-            Ok(Self { name: self.name.clone(), cloud, moves: vec![DAffine3::IDENTITY], kept: Vec::new() })
+            let (name, place) = (self.name.clone(), self.place + number);
+            Ok(Self { name, cloud, place, moves: vec![DAffine3::IDENTITY], kept: Vec::new() })
         };
-        self.moves.iter().map(in_place).collect()
+        self.moves.iter().enumerate().map(in_place).collect()
     }
 }
 
@@ -80,18 +84,31 @@ pub(crate) fn assemble(
     let first =
         items.iter().find(|item| matches!(item.body, Body::Volume(_) | Body::Irregular(_))).or(items.first());
     let up = first.map_or(DVec3::Y, |item| item.up);
+    let mut point_settings = placed_settings(&items, up_of_things(camera, up))?.into_iter();
     let (mut standing, mut meshes) = (Vec::new(), Vec::new());
     for Item { name, body, places, look, .. } in items {
         let moves = moves_from(&places, 0);
         let kept = kept(&look);
-        let stand = |cloud| Standing { name: name.clone(), cloud, moves: moves.clone(), kept: kept.clone() };
+        let stand = |cloud| Standing {
+            name: name.clone(),
+            cloud,
+            place: 0,
+            moves: moves.clone(),
+            kept: kept.clone(),
+        };
         match body {
             Body::Mesh(mesh) => meshes.push(StandingMesh { name, mesh, places, look }),
             Body::Splats { cloud, .. } => standing.push(stand(cloud.transformed(places[0]))),
             Body::Points(points) => {
                 let _task = console.task(format!("surfels of {name}"));
-                let cloud = point_cloud(&points, &look).with_context(|| name.clone())?;
-                standing.push(stand(cloud.transformed(places[0])));
+                let in_places = point_settings.next().unwrap_or_default();
+                let is_one = in_places.len() <= 1;
+                for (place, (placed, to)) in in_places.into_iter().zip(&places).enumerate() {
+                    let cloud = point_surfels(&points, &placed.settings).with_context(|| name.clone())?;
+                    let own = stand(cloud.transformed(*to));
+                    let moves = if is_one { own.moves } else { vec![DAffine3::IDENTITY] };
+                    standing.push(Standing { place, moves, ..own });
+                }
             }
             Body::Volume(volume) => {
                 let volume = placed_volume(volume, places[0])?;
@@ -129,7 +146,13 @@ pub(crate) fn assemble(
         let kept = kept(&look);
         let clouds =
             surfels(&mesh, &look, (&camera, is_whole), share.min(ids)).with_context(|| name.clone())?;
-        let stand = |cloud| Standing { name: name.clone(), cloud, moves: moves.clone(), kept: kept.clone() };
+        let stand = |cloud| Standing {
+            name: name.clone(),
+            cloud,
+            place: 0,
+            moves: moves.clone(),
+            kept: kept.clone(),
+        };
         standing.extend(clouds.into_iter().map(stand));
     }
 
@@ -144,10 +167,7 @@ pub(crate) fn assemble(
             console.say(format_args!("{name}: the planes leave nothing of it"));
         }
     }
-    // Where a thing was cut each of its places has a cloud of its own.
-    for (place, Standing { name, mut cloud, moves, .. }) in
-        cut.into_iter().flat_map(|places| places.into_iter().enumerate())
-    {
+    for Standing { name, mut cloud, place, moves, .. } in cut.into_iter().flatten() {
         if levels_pay(&cloud, &moves, &camera, drawing) {
             let _task = console.task(format!("levels of detail of {name}"));
             cloud = cloud.with_levels_for(drawing.settings.tolerance);
@@ -156,6 +176,18 @@ pub(crate) fn assemble(
         origins.extend((place..place + moves.len()).map(|place| (name.clone(), place)));
     }
     Ok(Assembled { scene: Scene { clouds, lights }, camera, view, origins })
+}
+
+/// The cosine of how near to what is up by custom a map is looked at along it.
+const MAP: f64 = 0.99;
+
+/// What is up in the world: what the viewer says is, but for maps, where that is up in the picture alone.
+fn up_of_things(camera: &CameraOptions, custom: DVec3) -> DVec3 {
+    let [eye, target, up] = [camera.eye, camera.target, camera.up].map(|v| v.map(DVec3::from));
+    let is_map = eye
+        .zip(target)
+        .is_some_and(|(eye, target)| (target - eye).normalize_or_zero().dot(custom).abs() > MAP);
+    up.filter(|_| !is_map).unwrap_or(custom)
 }
 
 /// The splats of a volume at a place; says of what there are none.
@@ -282,23 +314,50 @@ fn framed(
     let (copied, single): (Vec<_>, Vec<_>) = standing.iter().partition(|own| own.moves.len() > 1);
     let (copied_meshes, single_meshes): (Vec<_>, Vec<_>) =
         meshes.iter().partition(|own| own.places.len() > 1);
-    let of_clouds = copied.into_iter().map(|own| (outline(of_cloud(&own.cloud)), &own.moves));
-    let of_meshes =
-        copied_meshes.into_iter().map(|own| (outline(of_mesh(&own.mesh, DAffine3::IDENTITY)), &own.places));
-    let outlines: Vec<(Vec<DVec3>, &Vec<DAffine3>)> = of_clouds.chain(of_meshes).collect();
+    let of_clouds =
+        copied.into_iter().map(|own| (outline(of_cloud(&own.cloud)), extent(&own.cloud), &own.moves));
+    let of_meshes = copied_meshes
+        .into_iter()
+        .map(|own| (outline(of_mesh(&own.mesh, DAffine3::IDENTITY)), 0.0, &own.places));
+    let outlines: Vec<(Vec<DVec3>, f64, &Vec<DAffine3>)> = of_clouds.chain(of_meshes).collect();
+    let singles: Vec<(&Cloud, f64)> = single.iter().map(|own| (&own.cloud, extent(&own.cloud))).collect();
     let reach = |directions: &[DVec3]| {
-        let copies = outlines.par_iter().flat_map(|(outline, places)| {
-            places.par_iter().flat_map_iter(|place| outline.iter().map(|p| place.transform_point3(*p)))
+        let copies = outlines.iter().map(|(outline, extent, places)| {
+            let points =
+                places.par_iter().flat_map_iter(|place| outline.iter().map(|p| place.transform_point3(*p)));
+            let largest = places.iter().map(|place| longest(place.matrix3)).fold(0.0, f64::max);
+            (farthest(points, directions), extent * largest)
         });
-        let clouds = single.iter().map(|own| farthest(of_cloud(&own.cloud), directions));
-        let meshes = single_meshes.iter().map(|own| farthest(of_mesh(&own.mesh, own.places[0]), directions));
-        let mut reach = vec![f64::NEG_INFINITY; directions.len()];
-        for ends in clouds.chain(meshes).chain([farthest(copies, directions)]) {
-            reach.iter_mut().zip(ends).for_each(|(reach, (along, _))| *reach = reach.max(along));
+        let clouds = singles.iter().map(|&(cloud, extent)| (farthest(of_cloud(cloud), directions), extent));
+        let meshes =
+            single_meshes.iter().map(|own| (farthest(of_mesh(&own.mesh, own.places[0]), directions), 0.0));
+        let mut reach = vec![[f64::NEG_INFINITY; 2]; directions.len()];
+        for (ends, extent) in clouds.chain(meshes).chain(copies) {
+            for ((reach, (along, _)), direction) in reach.iter_mut().zip(ends).zip(directions) {
+                *reach = [reach[0].max(along), reach[1].max(along + extent * direction.length())];
+            }
         }
         reach
     };
     View::complete(camera, &reach, up, size)
+}
+
+/// How far the splats of a cloud reach about their centres, in the world: two standard deviations, in the median. A few large
+/// ones, as trained splats have for the sky, don't count.
+fn extent(cloud: &Cloud) -> f64 {
+    let to_world = cloud.cloud_to_world().matrix3;
+    let of = |index: usize| 2.0 * longest(to_world * cloud.factor(index).as_dmat3());
+    let mut extents: Vec<f64> = (0..cloud.len()).step_by(cloud.len() / LOOKED_AT + 1).map(of).collect();
+    let middle = extents.len() / 2;
+    if extents.is_empty() { 0.0 } else { *extents.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}
+
+/// Splats that tell how large those of a cloud are.
+const LOOKED_AT: usize = 1000;
+
+/// The longest axis.
+fn longest(matrix: DMat3) -> f64 {
+    matrix.x_axis.length().max(matrix.y_axis.length()).max(matrix.z_axis.length())
 }
 
 /// The least number of points that a thread looks at in one go.
@@ -331,13 +390,4 @@ pub(crate) fn asked_surfels(mesh: &Mesh, look: &Look) -> Result<Cloud> {
     };
     ensure!(asked <= MOST_ASKED as f64, "{asked:.0} surfels are asked for; at most {MOST_ASKED} are made");
     Ok(sample(mesh, density, &SamplerSettings { max_surfels: MOST_ASKED, ..SamplerSettings::default() })?)
-}
-
-/// A surfel for each point.
-pub(crate) fn point_cloud(points: &PointCloud, look: &Look) -> Result<Cloud> {
-    let settings = PointSettings {
-        color: look.point_color.map_or(PointColor::Auto, Into::into),
-        ..PointSettings::default()
-    };
-    Ok(point_surfels(points, &settings)?)
 }

@@ -412,7 +412,9 @@ pub(crate) struct Look {
     /// Meshes: distance between surfels in world units, instead of their number
     #[arg(long, value_name = "S", allow_hyphen_values = true)]
     pub(crate) surfel_spacing: Option<f64>,
-    /// Point clouds: what their colours tell [default: rgb where there is one, else intensity, else height]
+    /// Point clouds: what their colours tell; heights are along --up (of maps, seen from
+    /// above, along what is up by custom), ranges those of all clouds [default: rgb where there is
+    /// one, else intensity, else height]
     #[arg(long, value_name = "rgb|intensity|height")]
     pub(crate) point_color: Option<PointColors>,
 }

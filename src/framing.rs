@@ -7,7 +7,7 @@ use glam::{DMat3, DVec2, DVec3};
 use oblate::engine::{Camera, Pose};
 use rayon::prelude::*;
 
-/// Share of half the picture that stays free on each side of a framed scene.
+/// Share of half the picture that stays free on each side of the points of a framed scene; what is about them has it.
 const MARGIN: f64 = 0.06;
 
 /// Vertical angle of view in degrees.
@@ -63,8 +63,9 @@ impl View {
         let up = up_given.unwrap_or_else(|| not_along(outward, up));
         let pose = Pose::look_at(outward, DVec3::ZERO, up).context("camera")?;
         let aspect = f64::from(size[0]) / f64::from(size[1]);
-        let tangent = (fov.to_radians() / 2.0).tan() * DVec2::new(aspect, 1.0) * (1.0 - MARGIN);
-        let framed = Framed { rotation: pose.world_to_camera.matrix3, middle, reach, tangent };
+        let whole = (fov.to_radians() / 2.0).tan() * DVec2::new(aspect, 1.0);
+        let tangents = [whole * (1.0 - MARGIN), whole];
+        let framed = Framed { rotation: pose.world_to_camera.matrix3, middle, reach, tangents };
         let [framed_eye, framed_target] = match (eye, target) {
             (Some(eye), _) => [eye, middle],
             (None, Some(target)) => [framed.back_from(target), target],
@@ -101,8 +102,9 @@ impl std::fmt::Display for View {
     }
 }
 
-/// How far what is to be seen, in world space, reaches along each of some directions; −∞ where there is nothing.
-pub(crate) type Reach<'a> = &'a dyn Fn(&[DVec3]) -> Vec<f64>;
+/// How far what is to be seen, in world space, reaches along each of some directions: points, and what is about them; −∞
+/// where there is nothing.
+pub(crate) type Reach<'a> = &'a dyn Fn(&[DVec3]) -> Vec<[f64; 2]>;
 
 /// The farthest of the points along each of some directions, and how far that is; −∞ without points.
 pub(crate) fn farthest(
@@ -147,6 +149,7 @@ pub(crate) fn outline(points: impl ParallelIterator<Item = DVec3>) -> Vec<DVec3>
 /// The middle of the bounds; the origin where there is nothing.
 fn middle(reach: Reach<'_>) -> DVec3 {
     let ends = reach(&[DVec3::X, DVec3::Y, DVec3::Z, DVec3::NEG_X, DVec3::NEG_Y, DVec3::NEG_Z]);
+    let ends: Vec<f64> = ends.into_iter().map(|[points, _]| points).collect();
     let (high, low) = (DVec3::from_slice(&ends[..3]), -DVec3::from_slice(&ends[3..]));
     if low.is_finite() && high.is_finite() { (low + high) / 2.0 } else { DVec3::ZERO }
 }
@@ -157,19 +160,23 @@ struct Framed<'a> {
     rotation: DMat3,
     middle: DVec3,
     reach: Reach<'a>,
-    /// Slopes of the frame's sides, right and down.
-    tangent: DVec2,
+    /// Slopes of the frame's sides, right and down: the points', and those of what is about them.
+    tangents: [DVec2; 2],
 }
 
 impl Framed<'_> {
-    /// The largest x − t z, −x − t z, y − t z and −y − t z in camera axes, seen from a place, each with the t of its axis; −∞
-    /// where there is nothing.
-    fn sides(&self, from: DVec3) -> [f64; 4] {
+    /// The largest x − t z, −x − t z, y − t z and −y − t z in camera axes, seen from a place, each with the t of its axis: of points, and
+    /// of what is about them; −∞ where there is nothing.
+    fn sides(&self, from: DVec3) -> [[f64; 4]; 2] {
         let [right, down, forward] = [0, 1, 2].map(|axis| self.rotation.row(axis));
-        let [back_x, back_y] = [self.tangent.x, self.tangent.y].map(|t| -t * forward);
-        let directions = [right + back_x, -right + back_x, down + back_y, -down + back_y];
-        let reach = (self.reach)(&directions);
-        std::array::from_fn(|side| reach[side] - directions[side].dot(from))
+        let directions = self.tangents.map(|tangent| {
+            let [back_x, back_y] = [tangent.x, tangent.y].map(|t| -t * forward);
+            [right + back_x, -right + back_x, down + back_y, -down + back_y]
+        });
+        let reach = (self.reach)(directions.as_flattened());
+        let along =
+            |part: usize, side: usize| reach[4 * part + side][part] - directions[part][side].dot(from);
+        std::array::from_fn(|part| std::array::from_fn(|side| along(part, side)))
     }
 
     /// The nearest eye from which everything projects into the frame, and the point of its axis at the
@@ -177,26 +184,45 @@ impl Framed<'_> {
     ///
     /// A point at (x, z) is inside if |x − e_x| ≤ t (z − e_z), that is x − t z ≤ e_x − t e_z and
     /// −x − t z ≤ −e_x − t e_z: with the largest left sides a and b, e_z ≤ −(a + b)/2t, and
-    /// e_x = (a − b)/2 keeps the same distance from both sides.
+    /// e_x = (a − b)/2 keeps the same distance from both sides. Points and what is about them have a, b and t each, of which
+    /// the nearest side counts.
     fn fitted(&self) -> [DVec3; 2] {
-        let side = |[a, b]: [f64; 2], t: f64| ((a - b) / 2.0, -(a + b) / (2.0 * t));
-        let [right, left, down, up] = self.sides(DVec3::ZERO);
-        let (x, z_for_x) = side([right, left], self.tangent.x);
-        let (y, z_for_y) = side([down, up], self.tangent.y);
+        let [points, about] = self.sides(DVec3::ZERO);
+        let depth = |side: usize, axis: usize| {
+            let [t, u] = self.tangents.map(|tangent| tangent[axis]);
+            let pairs = [
+                (points, points, t + t),
+                (points, about, t + u),
+                (about, points, u + t),
+                (about, about, u + u),
+            ];
+            pairs.map(|(a, b, sum)| -(a[side] + b[side + 1]) / sum).into_iter().fold(f64::INFINITY, f64::min)
+        };
+        let z = depth(0, 0).min(depth(2, 1));
+        let place = |side: usize, axis: usize| {
+            let [t, u] = self.tangents.map(|tangent| tangent[axis]);
+            let nearest = |side: usize| {
+                if about[side] + u * z > points[side] + t * z { (about[side], u) } else { (points[side], t) }
+            };
+            let ((a, t), (b, u)) = (nearest(side), nearest(side + 1));
+            (a - b) / 2.0 + (t - u) * z / 2.0
+        };
         let center = self.rotation * self.middle;
-        let z = z_for_x.min(z_for_y);
         // A single point needs no distance, but for roundings, and none at all has no place: stand one unit away.
-        let roundings = 1e-14 * center.length() / self.tangent.min_element();
+        let roundings = 1e-14 * center.length() / self.tangents[0].min_element();
         let seen = z.is_finite() && center.z - z > roundings;
-        let eye = if seen { DVec3::new(x, y, z) } else { center - DVec3::Z };
+        let eye = if seen { DVec3::new(place(0, 0), place(2, 1), z) } else { center - DVec3::Z };
         let to_world = self.rotation.transpose();
         [to_world * eye, to_world * DVec3::new(eye.x, eye.y, center.z)]
     }
 
     /// The nearest eye on the axis through `target` from which everything projects into the frame.
     fn back_from(&self, target: DVec3) -> DVec3 {
-        let [right, left, down, up] = self.sides(target);
-        let distance = (right.max(left) / self.tangent.x).max(down.max(up) / self.tangent.y);
+        let back = |([right, left, down, up], tangent): ([f64; 4], DVec2)| {
+            (right.max(left) / tangent.x).max(down.max(up) / tangent.y)
+        };
+        let sides = self.sides(target).into_iter().zip(self.tangents);
+        let distance = sides.map(back).fold(0.0, f64::max);
         let distance = if distance > 0.0 && distance.is_finite() { distance } else { 1.0 };
         target - self.rotation.row(2) * distance
     }
@@ -243,8 +269,14 @@ mod tests {
     }
 
     fn complete(options: &CameraOptions, points: &[DVec3], up: DVec3) -> View {
-        let reach = |directions: &[DVec3]| -> Vec<f64> {
-            farthest(points.par_iter().copied(), directions).into_iter().map(|(along, _)| along).collect()
+        about(options, (points, 0.0), up)
+    }
+
+    /// A view of balls about points.
+    fn about(options: &CameraOptions, (points, radius): (&[DVec3], f64), up: DVec3) -> View {
+        let reach = |directions: &[DVec3]| -> Vec<[f64; 2]> {
+            let ends = farthest(points.par_iter().copied(), directions).into_iter().zip(directions);
+            ends.map(|((along, _), direction)| [along, along + radius * direction.length()]).collect()
         };
         View::complete(options, &reach, up, SIZE).unwrap()
     }
@@ -293,6 +325,32 @@ mod tests {
         let (low, high) = extent(&view, &points);
         let reach = low.abs().max(high.abs()).max_element();
         assert!((reach - (1.0 - MARGIN)).abs() < 1e-3, "{reach}");
+    }
+
+    #[test]
+    fn what_is_about_points_stays_in_the_picture() {
+        let options = CameraOptions::default();
+        let targeted = CameraOptions { target: Some([2.0, 0.0, 1.0]), ..options };
+        // A ball alone is as high as the picture: its sine is that of half the angle of view.
+        let view = about(&options, (&[DVec3::ONE], 0.5), DVec3::Y);
+        let distance = 0.5 / (FOV / 2.0).to_radians().sin();
+        assert!((view.eye.distance(DVec3::ONE) - distance).abs() < 1e-3 * distance, "{view}");
+        // Of many balls only the margin counts.
+        let points = cube(-3.0, 7.0);
+        assert_eq!(about(&options, (&points, 0.1), DVec3::Y), complete(&options, &points, DVec3::Y));
+        for options in [options, targeted] {
+            let camera = about(&options, (&points, 2.0), DVec3::Y).camera(SIZE).unwrap();
+            let half = DVec2::new(f64::from(SIZE[0]), f64::from(SIZE[1])) / 2.0 / camera.intrinsics().focal;
+            // How far beyond each side the farthest ball is; half of the angle's cosine makes slopes distances.
+            let beyond = |axis: usize| {
+                let centers = points.iter().map(|p| camera.pose().world_to_camera.transform_point3(*p));
+                let off = centers.map(|c| (c[axis].abs() - half[axis] * c.z) / half[axis].hypot(1.0) + 2.0);
+                off.fold(f64::NEG_INFINITY, f64::max)
+            };
+            let most = beyond(0).max(beyond(1));
+            // Rounding moves the eye by 1e-4 of the distance, which is 50 or so.
+            assert!(most.abs() < 1e-2, "{most}");
+        }
     }
 
     #[test]

@@ -16,6 +16,7 @@ mod notation;
 mod output;
 mod peers;
 mod picture;
+mod points;
 mod progress;
 mod scene_file;
 mod stats;

@@ -1,11 +1,12 @@
 //! `oblate convert`.
 
-use crate::assemble::{asked_surfels, point_cloud};
+use crate::assemble::asked_surfels;
 use crate::check::Wrong;
 use crate::content::open;
 use crate::description::{FileOptions, Look};
 use crate::finish::{Paint, kept};
 use crate::output::Output;
+use crate::points::point_cloud;
 use crate::progress::Console;
 use crate::volume_looks::{Field, volume_clouds};
 use anyhow::{Context, Result, anyhow, ensure};

@@ -45,7 +45,8 @@ pub use error::SampleError;
 pub use flat::{Deviation, MergeError, Merged, merge_flat};
 pub use mesh::{BaseColor, Mesh, Primitive, Texture, Wrap};
 pub use point_cloud::{
-    POINT_COVERAGE_FLOOR, PointCloud, PointColor, PointError, PointSettings, point_surfels,
+    POINT_COVERAGE_FLOOR, PointCloud, PointColor, PointError, PointSettings, point_range, point_surfels,
+    point_values,
 };
 pub use sample::{
     Density, MESH_COVERAGE_FLOOR, MESH_SURFEL_RADIUS, SamplerSettings, sample, sample_seen, seen_count,

@@ -62,3 +62,63 @@ fn a_scene_file_colours_and_places_them() {
     let message = place.refusal(&["render", "a.xyz", "--point-color", "intensity", "--size", "8x8"]);
     assert!(message.contains("intensities"), "{message}");
 }
+
+/// Points of a slope that rises by 1 for 1 along x, from `x` to `x` + 1.
+fn slope(x: usize) -> String {
+    let at = |i: usize| f64::from(i as u32) / 20.0;
+    let point = |i: usize| {
+        let x = x as f64 + at(i % 20);
+        format!("{x} {} {x}\n", at(i / 20))
+    };
+    (0..400).map(point).collect()
+}
+
+#[test]
+fn tiles_share_their_colours() {
+    let place = Workplace::new();
+    place.write("a.xyz", slope(0));
+    place.write("b.xyz", slope(1));
+    place.write("both.xyz", slope(0) + &slope(1));
+    let view = ["--size", "40x20", "--eye", "1,0.5,10", "--target", "1,0.5,0", "--orthographic", "1"];
+    let options = ["--point-color", "height", "--shade", "off"];
+    let picture = |files: &[&str]| {
+        place.run(&[&["render"], files, &view, &options].concat());
+        levels(&place.path("oblate.png"))
+    };
+    let (whole, tiles) = (picture(&["both.xyz"]), picture(&["a.xyz", "b.xyz"]));
+    for (column, row) in (2..18).chain(22..38).flat_map(|column| (3..17).map(move |row| (column, row))) {
+        let [whole, tiles] = [&whole, &tiles].map(|picture| picture.get_pixel(column, row).0);
+        // Tiles' borders are blurred a little differently.
+        assert!(
+            whole.iter().zip(tiles).all(|(a, b)| a.abs_diff(b) <= 6),
+            "{column} {row}: {whole:?} {tiles:?}"
+        );
+    }
+}
+
+#[test]
+fn heights_are_along_what_is_up_in_the_world() {
+    let place = Workplace::new();
+    place.write("a.xyz", slope(0));
+    let view = "version = 1\n[camera]\neye = [-10, 0.5, 0.5]\ntarget = [0.5, 0.5, 0.5]\northographic = 1\n\
+                [render]\nsize = [20, 20]\nshade = false\nbackground = '000000'\n\
+                [[points]]\npath = 'a.xyz'\npoint-color = 'height'\n";
+    // The slope rises along x, its own z; turned about y it rises to the other side, upside down it falls.
+    let colors = |place_of_it: &str, options: &[&str]| {
+        place.write("scene.toml", format!("{view}{place_of_it}"));
+        place.run(&[&["render", "scene.toml"], options].concat());
+        let picture = levels(&place.path("oblate.png"));
+        let green = |row: u32| {
+            (0..20).map(move |column| (column, row)).map(|(c, r)| picture.get_pixel(c, r).0[1]).max()
+        };
+        [green(3), green(16)]
+    };
+    // Viridis grows greener.
+    let [top, bottom] = colors("", &[]);
+    assert!(top > bottom, "{top:?} {bottom:?}");
+    // Half a turn about y through the middle: what is its own top is the bottom, and world heights count.
+    let [top, bottom] = colors("rotate = [0, 180, 0]\ntranslate = [1, 0, 1]\n", &[]);
+    assert!(top > bottom, "{top:?} {bottom:?}");
+    let [top, bottom] = colors("", &["--up", "0,0,-1"]);
+    assert!(top > bottom, "{top:?} {bottom:?}");
+}

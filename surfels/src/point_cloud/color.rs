@@ -21,8 +21,45 @@ const VIRIDIS: [[u8; 3]; 9] = [
     [253, 231, 37],
 ];
 
+/// The intensities or heights that points are coloured by, and which of both they are; none where they have colours.
+///
+/// Heights are along [`PointSettings::up`], of unit length, from the zero of the frame of origin + position.
+///
+/// # Errors
+/// As [`point_surfels`](crate::point_surfels), but for sizes.
+pub fn point_values(
+    points: &PointCloud,
+    settings: &PointSettings,
+) -> Result<Option<(PointColor, Vec<f64>)>, PointError> {
+    points.check()?;
+    settings.check()?;
+    values(points, settings)
+}
+
+/// What the ends of colours stand for: the 1st and the 99th percentile of values, which may be those of several clouds;
+/// none without values.
+pub fn point_range(mut values: Vec<f64>) -> Option<[f64; 2]> {
+    values.par_sort_unstable_by(f64::total_cmp);
+    let last = values.len().checked_sub(1)?;
+    Some([STRAYS, 1.0 - STRAYS].map(|share| values[(share * last as f64).round() as usize]))
+}
+
 /// Linear colours, one for each point.
 pub(crate) fn colors(points: &PointCloud, settings: &PointSettings) -> Result<Vec<[f32; 3]>, PointError> {
+    let Some((by, values)) = values(points, settings)? else {
+        return points.colors.clone().ok_or(PointError::Color("colours"));
+    };
+    let range = settings.range.or_else(|| point_range(values.clone())).unwrap_or_default();
+    Ok(match by {
+        PointColor::Intensity => mapped(&values, range, |share| [share; 3]),
+        _ => mapped(&values, range, viridis),
+    })
+}
+
+fn values(
+    points: &PointCloud,
+    settings: &PointSettings,
+) -> Result<Option<(PointColor, Vec<f64>)>, PointError> {
     let varied = |values: &Vec<f32>| values.iter().any(|value| *value != values[0]);
     let by = match settings.color {
         PointColor::Auto if points.colors.iter().flatten().any(|color| *color != [0.0; 3]) => PointColor::Rgb,
@@ -30,29 +67,26 @@ pub(crate) fn colors(points: &PointCloud, settings: &PointSettings) -> Result<Ve
         PointColor::Auto => PointColor::Height,
         asked => asked,
     };
-    match by {
-        PointColor::Rgb => points.colors.clone().ok_or(PointError::Color("colours")),
+    let values = match by {
+        PointColor::Rgb => return Ok(None),
         PointColor::Intensity => {
             let intensities = points.intensities.as_ref().ok_or(PointError::Color("intensities"))?;
-            Ok(mapped(intensities, |share| [share; 3]))
+            intensities.par_iter().map(|&intensity| f64::from(intensity)).collect()
         }
         PointColor::Height | PointColor::Auto => {
             let up = settings.up.as_dvec3().normalize();
-            let height = |position: &Vec3| position.as_dvec3().dot(up) as f32;
-            Ok(mapped(&points.positions.par_iter().map(height).collect::<Vec<f32>>(), viridis))
+            let base = points.origin.dot(up);
+            points.positions.par_iter().map(|position| base + position.as_dvec3().dot(up)).collect()
         }
-    }
+    };
+    Ok(Some((by, values)))
 }
 
-/// Each value's colour by its place between the strays, given display-encoded.
-fn mapped(values: &[f32], encoded: impl Fn(f32) -> [f32; 3] + Sync) -> Vec<[f32; 3]> {
-    let mut sorted = values.to_vec();
-    sorted.par_sort_unstable_by(f32::total_cmp);
-    let at = |share: f64| f64::from(sorted[(share * (sorted.len() - 1) as f64).round() as usize]);
-    let (low, high) = (at(STRAYS), at(1.0 - STRAYS));
-    let share = |value: f32| {
+/// Each value's colour by its place in the range, given display-encoded.
+fn mapped(values: &[f64], [low, high]: [f64; 2], encoded: impl Fn(f32) -> [f32; 3] + Sync) -> Vec<[f32; 3]> {
+    let share = |value: f64| {
         // All are one value: the middle.
-        if high > low { ((f64::from(value) - low) / (high - low)).clamp(0.0, 1.0) } else { 0.5 }
+        if high > low { ((value - low) / (high - low)).clamp(0.0, 1.0) } else { 0.5 }
     };
     values.par_iter().map(|&value| encoded(share(value) as f32).map(srgb_to_linear)).collect()
 }
@@ -99,6 +133,28 @@ mod tests {
         // No height differs from the others along x.
         let flat = PointSettings { up: Vec3::X, ..by(PointColor::Height) };
         assert!(near(colors(&points(), &flat).unwrap()[0], expected(VIRIDIS[4])));
+    }
+
+    #[test]
+    fn several_clouds_share_a_range() {
+        // Two halves of one cloud, each in a frame of its own.
+        let whole = colors(&points(), &by(PointColor::Height)).unwrap();
+        let half = |part: std::ops::Range<usize>| {
+            let origin = points().positions[part.start];
+            let positions = points().positions[part].iter().map(|p| *p - origin).collect();
+            PointCloud { origin: origin.as_dvec3(), positions, ..PointCloud::default() }
+        };
+        let halves = [half(0..50), half(50..101)];
+        let of = |half: &PointCloud| point_values(half, &by(PointColor::Height)).unwrap().unwrap().1;
+        let range = point_range(halves.iter().flat_map(of).collect());
+        let settings = PointSettings { range, ..by(PointColor::Height) };
+        let parts = halves.iter().flat_map(|half| colors(half, &settings).unwrap());
+        for (part, whole) in parts.zip(whole) {
+            assert!(Vec3::from(part).abs_diff_eq(Vec3::from(whole), 1e-5));
+        }
+        assert_eq!(point_range(Vec::new()), None);
+        let red = PointCloud { colors: Some(vec![[1.0, 0.0, 0.0]; 101]), ..points() };
+        assert_eq!(point_values(&red, &by(PointColor::Auto)), Ok(None));
     }
 
     #[test]

@@ -1,9 +1,11 @@
 //! Point clouds to surfels: a disc for each point, in the plane that its neighbours lie about.
 
 mod color;
+mod lines;
 mod surfels;
 mod tangent;
 
+pub use color::{point_range, point_values};
 pub use surfels::{POINT_COVERAGE_FLOOR, point_surfels};
 
 use glam::{DVec3, Vec3};
@@ -39,9 +41,9 @@ pub enum PointColor {
     Auto,
     /// The colours.
     Rgb,
-    /// The intensities, as display-encoded grey from the 1st to the 99th percentile.
+    /// The intensities, as display-encoded grey over [`PointSettings::range`].
     Intensity,
-    /// The coordinate along [`PointSettings::up`], from the 1st to the 99th percentile, in the colours of *viridis* (Smith,
+    /// The coordinate along [`PointSettings::up`], over [`PointSettings::range`], in the colours of *viridis* (Smith,
     /// van der Walt, 2015).
     Height,
 }
@@ -56,13 +58,22 @@ pub struct PointSettings {
     pub neighbors: usize,
     /// Heights grow along it; surfels that nothing orients face it. Any length but 0; default +Z, as scanners' files have it.
     pub up: Vec3,
+    /// The values, of those that [`point_values`] gives, that the ends of the colours stand for; by default their 1st and 99th
+    /// percentile, which [`point_range`] finds of several clouds together.
+    pub range: Option<[f64; 2]>,
     /// How the surface answers light.
     pub material: Material,
 }
 
 impl Default for PointSettings {
     fn default() -> Self {
-        Self { color: PointColor::Auto, neighbors: 12, up: Vec3::Z, material: Material::default() }
+        Self {
+            color: PointColor::Auto,
+            neighbors: 12,
+            up: Vec3::Z,
+            range: None,
+            material: Material::default(),
+        }
     }
 }
 
@@ -165,6 +176,10 @@ impl PointSettings {
         }
         if !self.up.is_finite() || self.up == Vec3::ZERO {
             return fails("the upward direction", self.up.to_string(), "finite and not zero");
+        }
+        if let Some([low, high]) = self.range.filter(|[low, high]| !(low <= high && (high - low).is_finite()))
+        {
+            return fails("the range of colours", format!("{low} to {high}"), "finite, the lower end first");
         }
         Ok(())
     }
