@@ -4,7 +4,7 @@
 
 mod scenes;
 
-use glam::{DVec3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 use oblate_engine::{Camera, Cloud, Frame, Pose, ReferenceKind, RenderSettings, Scene, Strength, reference};
 use scenes::*;
 
@@ -166,6 +166,31 @@ fn opaque_sheets_stay_opaque_beside_others() {
                 let least = if x.abs() < 3.0 { 0.93 } else { 0.999 };
                 assert!(color[3] > least, "{opacity} at {behind}: {pixel}: {color:?}");
                 assert!(opacity > 0.0 || color[1] > least, "{opacity} at {behind}: {pixel}: {color:?}");
+            }
+        }
+    }
+}
+
+/// A red sheet before a green wall, nearer than a layer is thick, seen face on and at a slant: the wall's colour shows as far as the sheet lets it through.
+#[test]
+fn near_sheets_hide_the_colours_of_far_ones() {
+    for (opacity, degrees, gap) in
+        [(1.0, 0.0, 0.02), (1.0, 40.0, 0.02), (0.38, 0.0, 0.02), (0.38, 40.0, 0.03)]
+    {
+        let pose = Pose::look_at(DVec3::new(0.0, 0.0, -5.0), DVec3::ZERO, DVec3::Y).unwrap();
+        let camera = Camera::orthographic(pose, 1.6, [24; 2]).unwrap();
+        let mut splats = plane(50, 0.05, [1.0, 0.0, 0.0]).splats();
+        let Strength::Surface(surface) = &mut splats.strength else { unreachable!("they are surfels") };
+        surface.opacities = Some(vec![opacity; splats.centers.len()]);
+        let turned = tilted(degrees, DVec3::ZERO);
+        let before = turned * DAffine3::from_translation(DVec3::NEG_Z * gap);
+        let wall = plane(50, 0.05, [0.0, 1.0, 0.0]).transformed(turned);
+        let clouds = [wall, Cloud::new(splats).unwrap().transformed(before)];
+        for frame in [draw(clouds.to_vec(), &camera, &unshaded()), r1(&clouds, &camera, &unshaded())] {
+            for pixel in &frame.color {
+                // Coverage of both ripples by 1 %.
+                let error = (pixel[0] - opacity).abs().max((pixel[1] - (1.0 - opacity)).abs());
+                assert!(error < 0.01 && pixel[3] > 0.999, "{opacity} at {degrees}°: {pixel:?}");
             }
         }
     }

@@ -208,6 +208,31 @@ fn spacing_and_count_are_two_words_for_one_thing() {
     assert_eq!(by_spacing, surfels(&mesh, 10_000).unwrap());
 }
 
+/// A poster a fifth of a surfel before a wall: no surfel stands for both, and each has the places and colours of one.
+#[test]
+fn parts_of_a_mesh_have_their_own_surfels() {
+    let mut mesh = mesh_of(primitives::plane(1), DAffine3::IDENTITY);
+    let mut poster = mesh.primitives[0].clone();
+    let normal = surfels(&mesh, 100).unwrap().splats().normals.unwrap()[0].as_dvec3();
+    poster.primitive_to_mesh = DAffine3::from_translation(normal * 0.004);
+    poster.material.factor = glam::Vec4::new(1.0, 0.0, 0.0, 1.0);
+    mesh.primitives[0].material.factor = glam::Vec4::new(0.0, 1.0, 0.0, 1.0);
+    mesh.primitives.push(poster);
+    let cloud = sample(&mesh, Density::Spacing(0.02), &SamplerSettings::default()).unwrap();
+    let splats = cloud.splats();
+    let to_world = cloud.cloud_to_world();
+    let mut counts = [0; 2];
+    for (center, color) in splats.centers.iter().zip(&splats.colors) {
+        let distance = to_world.transform_point3(center.as_dvec3()).dot(normal);
+        let is_poster = distance > 0.002;
+        assert_eq!(*color, if is_poster { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] });
+        // As exact as single precision is.
+        assert!((distance - if is_poster { 0.004 } else { 0.0 }).abs() < 1e-6, "{distance}");
+        counts[usize::from(is_poster)] += 1;
+    }
+    assert!(counts[0] == counts[1] && counts[0] > 9_000, "{counts:?}");
+}
+
 #[test]
 fn never_more_surfels_than_the_cap() {
     let settings = SamplerSettings { max_surfels: 500, ..SamplerSettings::default() };
