@@ -6,7 +6,7 @@ use crate::detail::levels_pay;
 use crate::draw::Drawing;
 use crate::finish::{Paint, kept};
 use crate::framing::{View, farthest, outline};
-use crate::points::placed_settings;
+use crate::points::{Placed, placed_settings};
 use crate::progress::Console;
 use crate::volume_looks::{Field, volume_clouds};
 use anyhow::{Context, Result, ensure};
@@ -43,8 +43,8 @@ pub(crate) struct Assembled {
 struct Standing {
     name: String,
     cloud: Cloud,
-    /// The number of the first of its places.
-    place: usize,
+    /// The numbers of its places.
+    places: Vec<usize>,
     moves: Vec<DAffine3>,
     /// What of the world it is left in.
     kept: Vec<HalfSpace>,
@@ -58,8 +58,8 @@ impl Standing {
         }
         let in_place = |(number, to): (usize, &DAffine3)| {
             let cloud = self.cloud.clone().transformed(*to).clipped(&self.kept)?;
-            let (name, place) = (self.name.clone(), self.place + number);
-            Ok(Self { name, cloud, place, moves: vec![DAffine3::IDENTITY], kept: Vec::new() })
+            let (name, places) = (self.name.clone(), vec![self.places[number]]);
+            Ok(Self { name, cloud, places, moves: vec![DAffine3::IDENTITY], kept: Vec::new() })
         };
         self.moves.iter().enumerate().map(in_place).collect()
     }
@@ -92,7 +92,7 @@ pub(crate) fn assemble(
         let stand = |cloud| Standing {
             name: name.clone(),
             cloud,
-            place: 0,
+            places: (0..moves.len()).collect(),
             moves: moves.clone(),
             kept: kept.clone(),
         };
@@ -102,12 +102,11 @@ pub(crate) fn assemble(
             Body::Points(points) => {
                 let _task = console.task(format!("surfels of {name}"));
                 let in_places = point_settings.next().unwrap_or_default();
-                let is_one = in_places.len() <= 1;
-                for (place, (placed, to)) in in_places.into_iter().zip(&places).enumerate() {
-                    let cloud = point_surfels(&points, &placed.settings).with_context(|| name.clone())?;
-                    let own = stand(cloud.transformed(*to));
-                    let moves = if is_one { own.moves } else { vec![DAffine3::IDENTITY] };
-                    standing.push(Standing { place, moves, ..own });
+                for Placed { settings, places: own, .. } in in_places {
+                    let cloud = point_surfels(&points, &settings).with_context(|| name.clone())?;
+                    let to: Vec<DAffine3> = own.iter().map(|place| places[*place]).collect();
+                    let (cloud, moves) = (cloud.transformed(to[0]), moves_from(&to, 0));
+                    standing.push(Standing { places: own, moves, ..stand(cloud) });
                 }
             }
             Body::Volume(volume) => {
@@ -149,7 +148,7 @@ pub(crate) fn assemble(
         let stand = |cloud| Standing {
             name: name.clone(),
             cloud,
-            place: 0,
+            places: (0..moves.len()).collect(),
             moves: moves.clone(),
             kept: kept.clone(),
         };
@@ -167,13 +166,13 @@ pub(crate) fn assemble(
             console.say(format_args!("{name}: the planes leave nothing of it"));
         }
     }
-    for Standing { name, mut cloud, place, moves, .. } in cut.into_iter().flatten() {
+    for Standing { name, mut cloud, places, moves, .. } in cut.into_iter().flatten() {
         if levels_pay(&cloud, &moves, &camera, drawing) {
             let _task = console.task(format!("levels of detail of {name}"));
             cloud = cloud.with_levels_for(drawing.settings.tolerance);
         }
         clouds.extend(moves.iter().map(|to| cloud.clone().transformed(*to)));
-        origins.extend((place..place + moves.len()).map(|place| (name.clone(), place)));
+        origins.extend(places.into_iter().map(|place| (name.clone(), place)));
     }
     Ok(Assembled { scene: Scene { clouds, lights }, camera, view, origins })
 }

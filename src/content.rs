@@ -153,7 +153,7 @@ pub(crate) fn differing(spaces: &[(&str, Option<Space>)]) -> Option<String> {
     let (other, others) = named.find(|(_, others)| *others != space)?;
     let (space, others) = (space.name(), others.name());
     Some(format!(
-        "{first} is in a space named {space}, {other} in one named {others}: each keeps its numbers; rotate one in a scene file"
+        "{first} is in a space named {space}, {other} in one named {others}: each keeps its numbers, and nothing turns one to the other"
     ))
 }
 

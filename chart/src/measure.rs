@@ -172,7 +172,8 @@ impl Truth {
                 }
             }
         }
-        let channels = channels(&found, &self.values);
+        // Of all ways as of the truth, so that they can be compared; holes show in premultiplied colours.
+        let channels = channels(&self.values, &self.values);
         let metrics = compare_channels(channels, self.windows.size(), &found, &self.values)?;
         // Structures don't reach from one part into the next.
         let own = self.windows.parts[0].size.to_array().map(|side| side as usize);

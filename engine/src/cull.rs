@@ -204,17 +204,18 @@ fn find_visible(
         let cloud_to_camera = camera.pose().world_to_camera * cloud.cloud_to_world();
         let stretch = largest_stretch(cloud_to_camera.matrix3);
         let end = settings.farthest_end();
-        let reach = Reach { frustum: &frustum, perspective, pixel_filter, end, stretch, cloud_to_camera };
+        let placement =
+            Placement { frustum: &frustum, perspective, pixel_filter, end, stretch, cloud_to_camera };
         let top = if settings.level_of_detail > 0.0 { cloud.levels().len() - 1 } else { 0 };
         let clusters = &cloud.levels()[top].clusters;
         // Of many clouds most lie beside a small picture: these should cost no more than a look.
-        if clusters.iter().any(|cluster| reach.sphere(cluster).touches) {
+        if clusters.iter().any(|cluster| placement.sphere(cluster).touches) {
             let search = Search {
                 cloud,
                 index,
                 first_id,
                 near: camera.near(),
-                reach,
+                placement,
                 allowance: allowance(cloud.levels(), settings.tolerance)
                     * settings.level_of_detail
                     * widening
@@ -311,8 +312,8 @@ pub(crate) fn largest_stretch(m: DMat3) -> f64 {
     sums.into_iter().fold(0.0, f64::max).sqrt().max(f64::MIN_POSITIVE)
 }
 
-/// How far the clusters of a cloud reach.
-struct Reach<'a> {
+/// Where a cloud is in a view.
+struct Placement<'a> {
     frustum: &'a Frustum,
     perspective: bool,
     /// Standard deviation of the pixels' filter where z is 1.
@@ -338,7 +339,7 @@ struct Sphere {
     touches: bool,
 }
 
-impl Reach<'_> {
+impl Placement<'_> {
     fn sphere(&self, cluster: &Cluster) -> Sphere {
         let center = self.cloud_to_camera.transform_point3(cluster.center.as_dvec3());
         let radius = self.stretch * f64::from(cluster.radius);
@@ -357,7 +358,7 @@ struct Search<'a> {
     index: usize,
     first_id: u32,
     near: f64,
-    reach: Reach<'a>,
+    placement: Placement<'a>,
     /// What makes a filter in the world one that needs are compared with.
     allowance: f64,
     /// The least distance that is compared with, as a share of a cluster's farthest.
@@ -381,7 +382,7 @@ impl Search<'_> {
         if has_parents && cluster.parents_need[1] <= filter_above {
             return 0;
         }
-        let Sphere { center, radius, farthest, sigma, reach, touches } = self.reach.sphere(cluster);
+        let Sphere { center, radius, farthest, sigma, reach, touches } = self.placement.sphere(cluster);
         if !touches {
             return cluster.splats.len() as u64;
         }
@@ -390,7 +391,7 @@ impl Search<'_> {
             return 0;
         }
         let nearest = (center.z - radius).max(self.near).max(self.closest * farthest);
-        let Reach { perspective, pixel_filter, .. } = self.reach;
+        let Placement { perspective, pixel_filter, .. } = self.placement;
         let nearest = if perspective { nearest } else { 1.0 };
         let filter = ((pixel_filter * nearest * self.allowance) as f32).max(filter_above);
         let [least, most] = cluster.needs;

@@ -199,7 +199,10 @@ impl Renderer {
         self.cloud_surfaces.clear();
         self.cloud_surfaces.resize(scene.clouds.len(), CloudSurface::default());
         for range in &self.visible.surfaces {
-            self.cloud_surfaces[range.cloud] = CloudSurface::of(&scene.clouds[range.cloud]);
+            let known = &mut self.cloud_surfaces[range.cloud];
+            if *known == CloudSurface::default() {
+                *known = CloudSurface::of(&scene.clouds[range.cloud]);
+            }
         }
         self.drawn.surfaces.clear();
         self.drawn.volumes.clear();

@@ -196,6 +196,28 @@ fn near_sheets_hide_the_colours_of_far_ones() {
     }
 }
 
+/// Two sheets of one layer that cover a pixel no more than once, of a cloud that covers evenly (a floor of 1): their colours mix, in R1, too.
+#[test]
+fn half_covered_sheets_lie_beside_each_other() {
+    let half = |color: [f32; 3], shift: f64| {
+        let mut splats = plane(50, 0.05, color).splats();
+        let Strength::Surface(surface) = &mut splats.strength else { unreachable!("they are surfels") };
+        surface.areas.iter_mut().for_each(|area| *area *= 0.45);
+        surface.coverage_floor = 1.0;
+        Cloud::new(splats).unwrap().transformed(tilted(0.0, DVec3::Z * shift))
+    };
+    let clouds = [half([1.0, 0.0, 0.0], 0.0), half([0.0, 1.0, 0.0], 0.02)];
+    let pose = Pose::look_at(DVec3::Z * -5.0, DVec3::ZERO, DVec3::Y).unwrap();
+    let camera = Camera::orthographic(pose, 1.6, [24; 2]).unwrap();
+    for frame in [draw(clouds.to_vec(), &camera, &unshaded()), r1(&clouds, &camera, &unshaded())] {
+        for pixel in &frame.color {
+            // Coverage ripples by 1 %.
+            let error = pixel[..2].iter().map(|c| (c - 0.45).abs()).fold(0.0, f32::max);
+            assert!(error < 0.01, "{pixel:?}");
+        }
+    }
+}
+
 /// A surfel like a sun in the corner of a picture takes no digits from a dim sheet in the rest of the tile, however they are listed.
 #[test]
 fn a_bright_surfel_leaves_the_rest_of_its_tile_as_it_is() {

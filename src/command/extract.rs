@@ -128,7 +128,7 @@ pub(crate) fn run(args: ExtractArgs) -> Result<()> {
     let made = if args.stream { stream(&args, &settings, output) } else { whole(&args, &settings, output) };
     // What importers say begins with the name.
     let named = |error: anyhow::Error| {
-        if error.to_string().starts_with(&name) { error } else { error.context(name.clone()) }
+        if error.to_string().starts_with(&format!("{name}: ")) { error } else { error.context(name.clone()) }
     };
     let found = made.map_err(named)?;
     let count = found.merging.as_ref().map_or(found.surfels, |merging| merging.surfels as u64);

@@ -60,7 +60,7 @@ pub(super) fn read_picture(bytes: &[u8]) -> Result<Picture> {
     let window = |w: IntegerBounds| format!("{}×{} at {},{}", w.size.0, w.size.1, w.position.0, w.position.1);
     ensure!(
         data == shown,
-        "its data are {} of a picture of {} (pixels); cropped pictures are not read",
+        "its data are {} of a picture of {} (pixels); only whole pictures are read",
         window(data),
         window(shown)
     );
@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cropped_pictures_are_refused() {
+    fn parts_of_pictures_are_refused() {
         let read = |shown: IntegerBounds| {
             let channel = |name: &str| AnyChannel::new(name, FlatSamples::F32(vec![0.5; 6]));
             let channels = AnyChannels::sort(["R", "G", "B"].map(channel).into_iter().collect());
@@ -100,7 +100,7 @@ mod tests {
             (IntegerBounds::from_dimensions((3, 2)), "3×2 at 5,3 of a picture of 3×2 at 0,0"),
         ] {
             let message = read(shown).unwrap_err().to_string();
-            assert!(message.contains(says) && message.contains("cropped"), "{message}");
+            assert!(message.contains(says) && message.contains("whole"), "{message}");
         }
     }
 }

@@ -84,7 +84,9 @@ impl LayerBuilder<'_> {
         let between = apart * apart * (near * far / (weight * weight));
         let variance = squares / weight;
         // How clearly there are two.
-        let from_to = |value: W<S>, from: W<S>, to: W<S>| ((value - from) / (to - from)).max(zero).min(one);
+        let from_to = |value: W<S>, from: W<S>, to: W<S>| {
+            value.simd_gt(from).select(((value - from) / (to - from)).min(one), zero)
+        };
         let least = peel.tolerance * LEAST_GAP;
         let clearly = from_to(self.sheets(simd, peel, sums), one, W::simd_from(simd, 2.0) - peel.floor)
             * from_to(between, variance * APART[0], variance * APART[1])

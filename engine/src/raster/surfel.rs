@@ -87,7 +87,7 @@ pub(crate) struct Surfaces<'a> {
 }
 
 /// What the layers of a cloud's surfels ask for.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct CloudSurface {
     /// In the world.
     pub(crate) depth_tolerance: f32,

@@ -170,7 +170,10 @@ fn hidden(first: &Sample<'_>, taken: &[Sample<'_>]) -> impl Fn(&Sample<'_>) -> f
     let (_, variance) = mean(taken, &|s| (s.plane_z - gap).powi(2));
     let apart = far_z - near_z;
     let between = apart.powi(2) * near * far / total.powi(2);
-    let from_to = |value: f64, [from, to]: [f64; 2]| ((value - from) / (to - from)).clamp(0.0, 1.0);
+    // Of no width it is a step.
+    let from_to = |value: f64, [from, to]: [f64; 2]| {
+        if value > from { ((value - from) / (to - from)).min(1.0) } else { 0.0 }
+    };
     let least = LEAST_GAP * first.depth_tolerance;
     let clearly = from_to(total * first.cloud_floor / coverage, [1.0, 2.0 - first.cloud_floor])
         * from_to(between, APART.map(|share| share * variance))

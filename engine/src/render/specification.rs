@@ -368,7 +368,10 @@ fn shown(first: &Sample, taken: &[Sample]) -> Option<impl Fn(&Sample) -> f64 + u
     let variance = taken.iter().map(|s| s.coverage * (s.plane - gap).powi(2)).sum::<f64>() / total;
     let apart = mean(&far, |s| s.plane) - mean(&near, |s| s.plane);
     let between = sum(&near) * sum(&far) / total.powi(2) * apart.powi(2);
-    let from_to = |value: f64, [from, to]: [f64; 2]| ((value - from) / (to - from)).clamp(0.0, 1.0);
+    // Of no width it is a step, and there are no two sheets where one is empty.
+    let from_to = |value: f64, [from, to]: [f64; 2]| {
+        if value > from { ((value - from) / (to - from)).min(1.0) } else { 0.0 }
+    };
     let least = first.tolerance / 16.0;
     let clearly = from_to(total * first.floor / own.min(1.0), [1.0, 2.0 - first.floor])
         * from_to(between, [0.75 * variance, 0.9 * variance])

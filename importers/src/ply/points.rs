@@ -35,8 +35,10 @@ const ATTRIBUTE: &str = "scalar_";
 /// Reads points: the vertices of a file without faces.
 pub(super) fn read(file: &File, header: &Header, element: &Element) -> Result<Opened, ImportError> {
     let mut places: Vec<Option<usize>> = vec![None; element.properties.len()];
-    let property =
-        |name: &str| element.properties.iter().position(|property| property.name.eq_ignore_ascii_case(name));
+    let first = |is: &dyn Fn(&str) -> bool| element.properties.iter().position(|property| is(&property.name));
+    let property = |name: &str| {
+        first(&|other| other == name).or_else(|| first(&|other| other.eq_ignore_ascii_case(name)))
+    };
     for (number, names) in NAMES {
         if let Some(index) = names.iter().find_map(|name| property(name)) {
             places[index] = Some(number);

@@ -219,7 +219,7 @@ fn all<'a, L: Iterator<Item = (usize, &'a [u8])> + Clone>(
 }
 
 /// Whether the last of seven columns is the intensity, behind colours: as a line above the points says, else where the three
-/// before it look like colours, and it with two of them doesn't.
+/// before it look like colours, and it doesn't look like one everywhere.
 fn scalar_is_last<'a, L: Iterator<Item = (usize, &'a [u8])> + Clone>(
     text: &[u8],
     rows: &Rows<'a, L>,

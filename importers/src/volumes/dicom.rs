@@ -309,7 +309,7 @@ fn join(
     let frame = GridFrame { spacing: options.spacing.unwrap_or(frame.spacing), space, ..frame };
     let Pixels { columns, rows, .. } = slices[0].pixels;
     let dims = [usize::from(columns), usize::from(rows), slices.len()];
-    notes.extend(replace_padding(&mut slices));
+    notes.extend(replace_padding(file, &mut slices)?);
     let volume = Volume::new(dims, voxels(slices), frame)
         .map_err(|source| ImportError::Volume { path: file.path.clone(), source })?;
     Ok(Opened::noting(Content::Volume(volume), notes))
@@ -383,23 +383,23 @@ fn sort_by_instance(file: &File, slices: &mut [Slice]) -> Result<(), ImportError
     }
 }
 
-/// Gives padding the least of the other values, where there are others.
-fn replace_padding(slices: &mut [Slice]) -> Option<Note> {
+/// Gives padding the least of the other values.
+fn replace_padding(file: &File, slices: &mut [Slice]) -> Result<Option<Note>, ImportError> {
     let all = || slices.iter().flat_map(|slice| &slice.values);
     let count = all().filter(|value| value.is_nan()).count();
     if count == 0 {
-        return None;
+        return Ok(None);
     }
     let least = all().copied().reduce(f32::min).filter(|least| !least.is_nan());
     let Some(least) = least else {
-        return Some(Note::LeftOut("all samples, which are padding (PixelPaddingValue)".into()));
+        return Err(file.unsupported(Place::Whole, "nothing but padding (PixelPaddingValue)"));
     };
     for value in slices.iter_mut().flat_map(|slice| &mut slice.values).filter(|value| value.is_nan()) {
         *value = least;
     }
     let what =
         format!("{count} samples of padding (PixelPaddingValue), which get the least of the others, {least}");
-    Some(Note::LeftOut(what))
+    Ok(Some(Note::LeftOut(what)))
 }
 
 /// The values of all slices in the type that fits.

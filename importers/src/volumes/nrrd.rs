@@ -72,10 +72,10 @@ impl Header {
                 Some(colon) => {
                     let name: String = text[..colon].split_whitespace().collect();
                     let value = text[colon + 1..].trim().to_owned();
-                    let is_list = name.eq_ignore_ascii_case("datafile") && value.starts_with("LIST");
+                    let ends = name.eq_ignore_ascii_case("datafile") && is_list(&value);
                     header.fields.insert(name.to_ascii_lowercase(), (number, value));
                     // Names of files follow, and nothing else.
-                    if is_list {
+                    if ends {
                         break;
                     }
                 }
@@ -281,11 +281,16 @@ fn pick(vectors: &[Option<DVec3>], axes: [usize; 3], count: usize) -> Option<[DV
     if vectors.len() == count { Some([x?, y?, z?]) } else { None }
 }
 
+/// Whether files are listed below in place of a name.
+fn is_list(name: &str) -> bool {
+    name.split_whitespace().next() == Some("LIST")
+}
+
 /// The samples, from this file or the one that it names.
 fn voxels(file: &File, header: &Header, layout: &Layout, limit: u64) -> Result<Voxels, ImportError> {
     let expected = layout.bytes(file)?;
     let detached = match header.get(&["datafile"]) {
-        Some((place, name)) if name.starts_with("LIST") || name.contains('%') => {
+        Some((place, name)) if is_list(name) || name.contains('%') => {
             let feature = "samples in several files are not supported; join them into one";
             return Err(file.unsupported(place, feature));
         }

@@ -138,17 +138,21 @@ fn decode(file: &File, pages: &[Page<'_>], max_memory: u64) -> Result<Stack, Imp
         let bright = "white is 0 in this file: values are turned round, so that bright is high";
         notes.push(Note::Assumed(bright.into()));
     }
-    Ok(calibrated(first, Stack { layout, bytes, notes }))
+    calibrated((file, first), Stack { layout, bytes, notes }, max_memory)
 }
 
 /// What ImageJ adds to signed numbers of 16 bits, which it stores as unsigned ones.
 const SIGNED: f64 = -32768.0;
 
 /// A stack whose values are those that ImageJ's calibration makes of the stored ones, if the description says one.
-fn calibrated(first: &Page<'_>, mut stack: Stack) -> Stack {
+fn calibrated(
+    (file, first): (&File, &Page<'_>),
+    mut stack: Stack,
+    max_memory: u64,
+) -> Result<Stack, ImportError> {
     let description = text(first.description);
     let number = |key| image_j_value(&description, key).and_then(|value| value.parse::<f64>().ok());
-    let (Some(function), true) = (number("cf"), description.starts_with(IMAGE_J)) else { return stack };
+    let (Some(function), true) = (number("cf"), description.starts_with(IMAGE_J)) else { return Ok(stack) };
     let scalar = stack.layout.scalar;
     match (function, number("c0"), number("c1")) {
         (0.0, Some(0.0), Some(1.0)) => {}
@@ -163,16 +167,27 @@ fn calibrated(first: &Page<'_>, mut stack: Stack) -> Stack {
         (0.0, Some(c0), Some(c1))
             if c0.is_finite() && c1.is_finite() && c1 != 0.0 && !first.white_is_zero =>
         {
-            let value = |stored: f64| (c0 + c1 * stored) as f32;
-            stack.bytes = scalar.all(&stack.bytes, NATIVE).flat_map(|v| value(v).to_ne_bytes()).collect();
-            stack.layout.scalar = Scalar::F32;
+            let size = stack.layout.dims.iter().product::<usize>().saturating_mul(size_of::<f32>());
+            if size as u64 > max_memory {
+                return Err(file.malformed(Place::Whole, inflate::over_limit(max_memory)));
+            }
+            let mut bytes = Vec::with_capacity(size);
+            for stored in scalar.all(&stack.bytes, NATIVE) {
+                let value = (c0 + c1 * stored) as f32;
+                if stored.is_finite() && !value.is_finite() {
+                    let problem = format!("c0={c0} and c1={c1} make {value} of a sample of {stored}");
+                    return Err(file.malformed(Place::Part("ImageDescription".into()), problem));
+                }
+                bytes.extend(value.to_ne_bytes());
+            }
+            (stack.bytes, stack.layout.scalar) = (bytes, Scalar::F32);
         }
         _ => {
             let what = format!("ImageJ's calibration (cf={function}): values are as they are stored");
             stack.notes.push(Note::LeftOut(what));
         }
     }
-    stack
+    Ok(stack)
 }
 
 /// Text of a field, which ends with a zero: UTF-8, else Latin-1, in which ImageJ writes `µm`.

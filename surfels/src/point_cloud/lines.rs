@@ -9,6 +9,9 @@ use std::f32::consts::PI;
 /// How often the number of neighbours is doubled to find the lines beside: those up to some 30 spacings away.
 const DOUBLINGS: u32 = 3;
 
+/// Lines farther apart than so many spacings of their points are debris, of which ellipses would be needles.
+const FARTHEST_LINE: f32 = 48.0;
+
 /// The cosine of how far lines beside each other turn.
 const PARALLEL: f32 = 0.7;
 
@@ -52,7 +55,9 @@ pub(crate) fn lines(
         if farther.filter(is_beside).count() >= count
             && let Spread::Plane(normal) = spread(&fellows)
         {
-            return Some(Lines { along, normal, neighbors });
+            let lines = Lines { along, normal, neighbors };
+            let [own, across] = lines.spacings(nearest.sqrt(), count);
+            return (across <= FARTHEST_LINE * own).then_some(lines);
         }
         if found.len() < wanted {
             break;

@@ -9,6 +9,10 @@ const DISC_CORNERS: usize = 16;
 /// over 3.7 spacings along it, so of noise of up to 0.6 spacings; of 1000 random neighbourhoods in a plane all have more than 0.09.
 const LINE: f64 = 0.03;
 
+/// Of fewer neighbours, which may lie in a plane as long, only this is.
+const LINE_OF_FEW: f64 = 1e-4;
+const ENOUGH: usize = 12;
+
 /// Beyond this share of the second variance the least is more than noise about a plane: of noise of 0.3 spacings nine tenths
 /// have less, of points at random in space one in a hundred.
 const SPACE: f64 = 0.15;
@@ -39,9 +43,10 @@ pub(crate) fn spread(neighbors: &[Vec3]) -> Spread {
     let mut order = [0, 1, 2];
     order.sort_by(|&a, &b| variances[a].total_cmp(&variances[b]));
     let [least, middle, most] = order;
+    let line = if neighbors.len() < ENOUGH { LINE_OF_FEW } else { LINE };
     if variances[most] <= 0.0 {
         Spread::Point
-    } else if variances[middle] <= LINE * variances[most] {
+    } else if variances[middle] <= line * variances[most] {
         Spread::Line(axes.col(most).as_vec3().normalize_or_zero())
     } else if variances[least] > SPACE * variances[middle] {
         Spread::Space(axes.col(least).as_vec3().normalize_or_zero())

@@ -61,8 +61,8 @@ impl WideProjector<'_> {
     /// behind what is seen of surfaces. They may be tested together; what is left is tested splat by splat.
     pub(crate) fn blocks(&self, level: Level, range: &VisibleRange) -> Blocks {
         let is_inside = self.scalar.view.frustum.is_between_sides(range.center_in_camera, range.reach);
-        // What is stretched unevenly reaches differently far.
-        let sides = (self.is_even && !is_inside).then(|| self.reach(range));
+        // What is stretched unevenly reaches no farther than if it were so in every direction.
+        let sides = (!is_inside).then(|| self.reach(range));
         let hiding = if self.is_even { Hiding::new(self, range) } else { None };
         dispatch!(level, simd => self.blocks_wide(simd, range, (sides, hiding.as_ref())))
     }
