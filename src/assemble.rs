@@ -51,6 +51,12 @@ struct Standing {
 }
 
 impl Standing {
+    /// In all of its places.
+    fn new((name, cloud): (&str, Cloud), moves: &[DAffine3], kept: &[HalfSpace]) -> Self {
+        let places = (0..moves.len()).collect();
+        Self { name: name.to_owned(), cloud, places, moves: moves.to_vec(), kept: kept.to_vec() }
+    }
+
     /// What is left of it: where nothing is cut itself, else what of it stands in each place.
     fn cut(self) -> Result<Vec<Self>> {
         if self.kept.is_empty() {
@@ -89,13 +95,7 @@ pub(crate) fn assemble(
     for Item { name, body, places, look, .. } in items {
         let moves = moves_from(&places, 0);
         let kept = kept(&look);
-        let stand = |cloud| Standing {
-            name: name.clone(),
-            cloud,
-            places: (0..moves.len()).collect(),
-            moves: moves.clone(),
-            kept: kept.clone(),
-        };
+        let stand = |cloud| Standing::new((&name, cloud), &moves, &kept);
         match body {
             Body::Mesh(mesh) => meshes.push(StandingMesh { name, mesh, places, look }),
             Body::Splats { cloud, .. } => standing.push(stand(cloud.transformed(places[0]))),
@@ -145,13 +145,7 @@ pub(crate) fn assemble(
         let kept = kept(&look);
         let clouds =
             surfels(&mesh, &look, (&camera, is_whole), share.min(ids)).with_context(|| name.clone())?;
-        let stand = |cloud| Standing {
-            name: name.clone(),
-            cloud,
-            places: (0..moves.len()).collect(),
-            moves: moves.clone(),
-            kept: kept.clone(),
-        };
+        let stand = |cloud| Standing::new((&name, cloud), &moves, &kept);
         standing.extend(clouds.into_iter().map(stand));
     }
 
