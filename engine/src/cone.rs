@@ -21,6 +21,7 @@ pub(crate) enum Viewer {
 }
 
 impl Viewer {
+    /// By the transform from the cloud.
     pub(crate) fn of(cloud_to_camera: &DAffine3, is_perspective: bool) -> Self {
         let camera_to_cloud = cloud_to_camera.inverse();
         if is_perspective {
