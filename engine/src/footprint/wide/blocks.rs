@@ -63,7 +63,7 @@ impl WideProjector<'_> {
         let is_inside = self.scalar.view.frustum.is_between_sides(range.center_in_camera, range.reach);
         // What is stretched unevenly reaches no farther than if it were so in every direction.
         let sides = (!is_inside).then(|| self.reach(range));
-        let hiding = if self.is_even { Hiding::new(self, range) } else { None };
+        let hiding = Hiding::new(self, range);
         dispatch!(level, simd => self.blocks_wide(simd, range, (sides, hiding.as_ref())))
     }
 

@@ -99,6 +99,21 @@ impl WideProjector<'_> {
         }
     }
 
+    /// The two half-axes that surfels of a block lie in, in cloud space.
+    #[inline(always)]
+    pub(super) fn flat_in_cloud<S: Simd>(&self, simd: S, block: usize) -> [V3<S>; 2] {
+        match &self.scalar.columns.factors {
+            Factors::Shared(factor) => [factor.x_axis, factor.y_axis].each(
+                #[inline(always)]
+                |axis| splat3(simd, axis.to_array()),
+            ),
+            Factors::Each { flat, .. } => {
+                let [a, b, c, d, e, f] = *flat.block(block);
+                [lanes(simd, [a, b, c]), lanes(simd, [d, e, f])]
+            }
+        }
+    }
+
     #[inline(always)]
     pub(super) fn footprints<S: Simd>(
         &self,

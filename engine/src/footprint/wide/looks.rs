@@ -163,9 +163,10 @@ impl WideProjector<'_> {
                 let cosine = dot(normal, areas);
                 let turned = cosine.simd_lt(zero);
                 let bare = dot(normal, normal).simd_eq(zero);
+                let own = if self.grows_unevenly { normalize_or_zero(simd, areas) } else { areas };
                 let normal = [0, 1, 2].each(
                     #[inline(always)]
-                    |i| bare.select(areas[i], turned.select(-normal[i], normal[i])),
+                    |i| bare.select(own[i], turned.select(-normal[i], normal[i])),
                 );
                 let mut is_seen = amplitude.abs().simd_gt(zero)
                     | slope[0].abs().simd_gt(zero)

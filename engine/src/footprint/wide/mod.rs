@@ -36,10 +36,10 @@ pub(super) struct WideProjector<'a> {
     handedness: f32,
     /// What strengths are multiplied by: the volume's or area's scale, and the cut-off's gain.
     strength_scale: f32,
-    /// Of a surface that keeps its proportions, 1 over what areas grow by, and over that power.
+    /// 1 over what strengths have of how areas grow, and over that power.
     per_normal_scale: f32,
-    /// A cloud that is stretched unevenly has another area scale for each surfel.
-    is_even: bool,
+    /// Whether each surfel's area grows by another factor, since the cloud is stretched unevenly. Vector areas have it then, not strengths.
+    grows_unevenly: bool,
     cutoff: f32,
     low_pass: f32,
     near: f32,
@@ -72,17 +72,17 @@ impl<'a> WideProjector<'a> {
         let cutoff = settings.cutoff_of(&scalar.columns.kind);
         let gain = cutoff_gain(cutoff);
         let linear = scalar.cloud_to_camera.matrix3;
-        let area_scale = scalar.determinant.cbrt().powi(2);
+        // Squares of normals are within single precision then, and nothing is rounded.
+        let largest =
+            scalar.normal_to_camera.to_cols_array().into_iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+        let unit = largest.clamp(1e-60, 1e60).log2().floor().exp2().recip();
+        let grows_unevenly = !is_similarity(linear);
+        let area_scale = if grows_unevenly { unit.recip() } else { scalar.determinant.cbrt().powi(2) };
         let strength_scale = match scalar.columns.kind {
             columns::Kind::Extinction => scalar.determinant * gain,
             columns::Kind::Opacity(_) => 1.0,
             columns::Kind::Surface(_) => area_scale * gain,
         };
-        // Squares of normals are within single precision then, and nothing is rounded.
-        let largest =
-            scalar.normal_to_camera.to_cols_array().into_iter().fold(0.0, |most: f64, x| most.max(x.abs()));
-        let unit = largest.clamp(1e-60, 1e60).log2().floor().exp2().recip();
-        let is_surface = matches!(scalar.columns.kind, columns::Kind::Surface(_));
         Self {
             scalar,
             perspective: lens.projection == Projection::Perspective,
@@ -97,7 +97,7 @@ impl<'a> WideProjector<'a> {
             handedness: linear.determinant().signum() as f32,
             strength_scale: strength_scale as f32,
             per_normal_scale: (unit * area_scale.max(f64::MIN_POSITIVE)).recip() as f32,
-            is_even: !is_surface || is_similarity(linear),
+            grows_unevenly,
             cutoff: cutoff as f32,
             low_pass: lens.filter_sigma.powi(2) as f32,
             near: scalar.view.camera.near() as f32,
@@ -114,21 +114,12 @@ impl<'a> WideProjector<'a> {
     /// Projects blocks of a range, with the instructions of a level.
     #[inline(never)]
     pub(super) fn project(&self, level: Level, (range, blocks): (&VisibleRange, &Blocks), out: &mut Places) {
-        if self.is_even {
-            // Compiled for both.
-            match Hiding::new(self, range) {
-                Some(hiding) => {
-                    dispatch!(level, simd => self.project_wide(simd, (range, blocks), Some(&hiding), out));
-                }
-                None => dispatch!(level, simd => self.project_wide(simd, (range, blocks), None, out)),
+        // Compiled for both.
+        match Hiding::new(self, range) {
+            Some(hiding) => {
+                dispatch!(level, simd => self.project_wide(simd, (range, blocks), Some(&hiding), out));
             }
-        } else {
-            for first in blocks.each(range) {
-                out.begin_octet(self.scalar.cloud_index, range.ids(first));
-                let chosen = dispatch!(level, simd => range.chosen(simd, self.scalar.levels, first));
-                self.put_scalar((first, chosen), out);
-                out.end_octet();
-            }
+            None => dispatch!(level, simd => self.project_wide(simd, (range, blocks), None, out)),
         }
     }
 
@@ -157,7 +148,7 @@ impl<'a> WideProjector<'a> {
             let half_axes = self.half_axes(simd, block);
             let spread = self.spread(simd, block, towards);
             let areas = if range.is_surface {
-                self.areas(simd, &half_axes, spread.as_ref())
+                self.areas(simd, block, &half_axes, spread.as_ref())
             } else {
                 [splat(simd, 0.0); 3]
             };

@@ -17,24 +17,32 @@ pub(super) struct Spread<S: Simd> {
 
 impl WideProjector<'_> {
     /// The vector areas of what is seen of a block's surfels, as shares of their areas and in camera space: of those that stand for no others
-    /// their unit normals.
+    /// their unit normals, longer or shorter where the cloud's areas grow unevenly.
     #[inline(always)]
     pub(super) fn areas<S: Simd>(
         &self,
         simd: S,
+        block: usize,
         [a, b, _]: &[V3<S>; 3],
         spread: Option<&Spread<S>>,
     ) -> V3<S> {
-        match spread {
-            Some(spread) => Self::transform(simd, &self.normal_to_camera, spread.area).each(
-                #[inline(always)]
-                |n| n * self.per_normal_scale,
-            ),
-            None => direction_or_zero(simd, cross(*a, *b)).each(
-                #[inline(always)]
-                |n| n * self.handedness,
-            ),
-        }
+        let in_cloud = match spread {
+            Some(spread) => spread.area,
+            None if self.grows_unevenly => {
+                let [a, b] = self.flat_in_cloud(simd, block);
+                direction_or_zero(simd, cross(a, b))
+            }
+            None => {
+                return direction_or_zero(simd, cross(*a, *b)).each(
+                    #[inline(always)]
+                    |n| n * self.handedness,
+                );
+            }
+        };
+        Self::transform(simd, &self.normal_to_camera, in_cloud).each(
+            #[inline(always)]
+            |n| n * self.per_normal_scale,
+        )
     }
 
     /// Of a block's surfels that stand for others what is seen along unit vectors from the eye.
