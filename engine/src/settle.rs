@@ -56,6 +56,8 @@ const LEAST_SHOWN: usize = 100;
 /// Windows of what the scene may touch of the picture, 64 of 6×6 pixels that are spread over it or all of it where that is small, are drawn in one way after another, from the quickest
 /// on, and the first is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Where at most one
 /// in a thousand is off by more, or at most a hundredth by at most two tolerances, three times as many windows elsewhere tell whether they are too many.
+/// Where windows take very long, each showing much of a large scene, there are fewer, four at least, so that trials take some seconds at most; the fewer, the more
+/// a single pixel counts.
 /// Nothing is taken, be it a way or what follows, with which 99.9 % of the pixels of all windows together are off by more than 0.8 of the tolerance. Kernels are
 /// drawn to where opacities end; then the way that is taken is drawn with nearer ends, from the nearest on, and the first are taken that
 /// keep to a share of the tolerance beside the finest way drawn at an eighth of it (way and ends are judged together):
@@ -74,7 +76,7 @@ const LEAST_SHOWN: usize = 100;
 /// what ways must keep to; where they may be coarser with surfels that end where they are set to, these do, and where they may be still coarser with slabs
 /// of 1.86σ (2σ where kernels are not alike) than with the thicker ones that ways were judged by, those are taken instead.
 ///
-/// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame. Where windows show nothing,
+/// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame. Where windows and those elsewhere show nothing,
 /// settings stay as they are, but opacities, if it is left open where they end, end at 1/4096 of the tolerance, as they do where windows show
 /// less than a hundred pixels; pictures of fewer pixels than a window's are drawn in the finest way.
 ///
@@ -113,7 +115,14 @@ pub fn settle(
         let settled = if nothing_else { finest } else { untold(finest) };
         return Ok(RenderSettings { level_of_detail: settings.level_of_detail, ..settled });
     }
-    let mut trial = Trial::new(scene, &windows, finest)?;
+    let [first_windows, others_of_them] = &windows;
+    let mut asked = [&first_windows[..], others_of_them];
+    let mut trial = Trial::new(scene, asked, finest)?;
+    if trial.shown() == 0 && !others_of_them.is_empty() {
+        // What is as thin as that may be seen by others.
+        asked.reverse();
+        trial = Trial::new(scene, asked, finest)?;
+    }
     if trial.shown() == 0 {
         return Ok(untold(*settings));
     }
@@ -133,7 +142,7 @@ pub fn settle(
     if settled.end_share < far.end_share {
         // What follows is judged beside a picture that doesn't lack what these ends have.
         let RenderSettings { end_share, cutoff, .. } = settled;
-        trial = Trial::new(scene, &windows, RenderSettings { end_share, cutoff, ..finest })?;
+        trial = Trial::new(scene, asked, RenderSettings { end_share, cutoff, ..finest })?;
     }
     let nearer = outlines.filter(|_| tells).map(|outline| RenderSettings { outline, ..settled });
     let outlined = first(nearer, |found| trial.is_within(SHARE_OF_ENDS, found))?;

@@ -4,10 +4,12 @@ use super::windows::OTHERS;
 use crate::camera::Camera;
 use crate::color::linear_to_srgb;
 use crate::frame::Channels;
+use crate::observer::{Counts, Observer};
 use crate::render::Renderer;
 use crate::scene::{Blend, Order, RenderSettings, Scene};
 use crate::validate::SceneError;
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 /// The share of the pixels that must keep to the limit for other windows to be asked: few windows can't tell how many of the others don't.
@@ -21,6 +23,17 @@ const MOST_OF_FIRST: f64 = 2.0;
 /// lie together.
 pub(super) const MOST_OF_ALL: f64 = 0.8;
 
+/// What the first windows may take together as is right, in about nanoseconds: where much lies in every window, or much of the whole scene, fewer
+/// of them tell.
+const MOST_WORK: u64 = 300_000_000;
+
+/// What a splat takes that lies around the eye, and a pixel of one that several slabs share.
+const WORK_OF_SPLAT: u64 = 256;
+const WORK_OF_FRAGMENT: u64 = 4;
+
+/// Windows that tell how many there should be, and that are looked at in any case.
+const LEAST_WINDOWS: usize = 4;
+
 /// A pixel in the space of blending.
 pub(super) type Pixel = [f32; 4];
 
@@ -28,7 +41,7 @@ pub(super) type Pixel = [f32; 4];
 pub(super) struct Trial<'a> {
     scene: &'a Scene,
     /// The first, and the others, which are asked before anything is taken.
-    windows: &'a [Vec<Camera>; 2],
+    windows: [&'a [Camera]; 2],
     right: RenderSettings,
     truth: Vec<Pixel>,
     /// The other windows, drawn as is right: a third of them each.
@@ -37,20 +50,39 @@ pub(super) struct Trial<'a> {
     empty: Pixel,
     /// Those that draw none at the moment.
     renderers: Mutex<Vec<Renderer>>,
+    work: Work,
+}
+
+/// What was drawn so far, counted and not timed.
+#[derive(Default)]
+struct Work(AtomicU64);
+
+impl Observer for Work {
+    fn counts(&self, counts: Counts) {
+        self.0.fetch_add(WORK_OF_SPLAT * counts.visible + WORK_OF_FRAGMENT * counts.fragments, Relaxed);
+    }
 }
 
 impl<'a> Trial<'a> {
+    /// Windows of which any first few are spread over the picture.
     pub(super) fn new(
         scene: &'a Scene,
-        windows: &'a [Vec<Camera>; 2],
+        windows: [&'a [Camera]; 2],
         right: RenderSettings,
     ) -> Result<Self, SceneError> {
-        let (truth, more_truth, renderers) = Default::default();
-        let mut trial = Self { scene, windows, right, truth, more_truth, empty: [0.0; 4], renderers };
+        let (truth, more_truth, renderers, work) = Default::default();
+        let mut trial = Self { scene, windows, right, truth, more_truth, empty: [0.0; 4], renderers, work };
         // Nothing has no order; some orders need a grid.
         let of_nothing = RenderSettings { order: Order::Auto, ..right };
-        trial.empty = trial.drawn(&Scene::default(), &windows[0][..1], &of_nothing)?[0];
-        trial.truth = trial.first(&right)?;
+        let [first, others] = windows;
+        trial.empty = trial.drawn(&Scene::default(), &first[..1], &of_nothing)?[0];
+        let least = LEAST_WINDOWS.min(first.len());
+        *trial.work.0.get_mut() = 0;
+        trial.truth = trial.drawn(scene, &first[..least], &right)?;
+        let own = *trial.work.0.get_mut() / least as u64;
+        let affordable = (MOST_WORK / own.max(1)).clamp(least as u64, first.len() as u64) as usize;
+        trial.windows = [&first[..affordable], &others[..others.len() * affordable / first.len()]];
+        trial.truth.extend(trial.drawn(scene, &first[least..affordable], &right)?);
         Ok(trial)
     }
 
@@ -61,7 +93,7 @@ impl<'a> Trial<'a> {
 
     /// The pixels of the first windows drawn with settings.
     pub(super) fn first(&self, settings: &RenderSettings) -> Result<Vec<Pixel>, SceneError> {
-        self.drawn(self.scene, &self.windows[0], settings)
+        self.drawn(self.scene, self.windows[0], settings)
     }
 
     /// What a share `rank` of the pixels that show anything differ by at most.
@@ -99,10 +131,10 @@ impl<'a> Trial<'a> {
             limit
         };
         let pixels: u32 =
-            self.windows.iter().flatten().map(|window| window.size().iter().product::<u32>()).sum();
+            self.windows.into_iter().flatten().map(|window| window.size().iter().product::<u32>()).sum();
         // As many as may be off if every pixel shows something: once more are, the answer is no.
         let most_off = pixels as usize - rank(pixels as usize, 0.999);
-        let more = &self.windows[1];
+        let more = self.windows[1];
         let part = more.len().div_ceil(self.more_truth.len()).max(1);
         for (windows, truth) in more.chunks(part).zip(&self.more_truth) {
             if errors.iter().filter(|error| f64::from(**error) > limit).count() > most_off {
@@ -148,7 +180,7 @@ impl<'a> Trial<'a> {
         let window = |camera: &Camera| {
             // A thread that waits for others may begin another window before this one is done.
             let mut renderer = idle().pop().unwrap_or_default();
-            let color = renderer.render(scene, camera, &settings, &())?.color.clone();
+            let color = renderer.render(scene, camera, &settings, &self.work)?.color.clone();
             idle().push(renderer);
             Ok(color)
         };
@@ -174,4 +206,42 @@ fn keep_to(errors: &mut [f32], share: f64) -> f64 {
 /// How many of so many are a share, rounded up.
 fn rank(count: usize, share: f64) -> usize {
     (count as f64 * share).ceil() as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::windows::windows;
+    use super::*;
+    use crate::camera::Pose;
+    use crate::cloud::{Cloud, Material, OpacityFilter, Shapes, Splats, Strength};
+    use crate::view::SceneView;
+    use glam::{DVec3, Mat3, Vec3};
+
+    /// Of splats around the eye every window shows all.
+    #[test]
+    fn there_are_fewer_windows_where_each_shows_much() {
+        let pose = Pose::look_at(DVec3::ZERO, DVec3::Y, DVec3::Z).unwrap();
+        let camera = Camera::perspective(pose, 1.0, [480; 2]).unwrap();
+        let settings = RenderSettings { order: Order::Centers, ..RenderSettings::default() };
+        let of = |count: usize| {
+            let centers = (0..count).map(|i| Vec3::splat(1e-3) * (i as f32).sin()).collect();
+            let strength = Strength::Opacity { peaks: vec![0.5; count], filter: OpacityFilter::Classic };
+            let (shapes, colors) = (Shapes::Shared(Mat3::IDENTITY), vec![[0.5; 3]; count]);
+            let (harmonics, normals, material) = (None, None, Material::UNLIT);
+            let splats = Splats { centers, shapes, strength, colors, harmonics, normals, material };
+            Scene { clouds: vec![Cloud::new(splats).unwrap()], lights: Vec::new() }
+        };
+        let counts = [1000, 30_000].map(|count| {
+            let scene = of(count);
+            let view = SceneView { scene: &scene, camera: &camera, settings: &settings };
+            let [first, others] = windows(view).unwrap();
+            assert_eq!([first.len(), others.len()], [64, 192]);
+            let trial = Trial::new(&scene, [&first, &others], settings).unwrap();
+            let [first, others] = trial.windows;
+            assert_eq!([trial.truth.len(), others.len()], [36 * first.len(), 3 * first.len()]);
+            assert_eq!(trial.truth, trial.first(&settings).unwrap());
+            first.len()
+        });
+        assert!(counts[0] == 64 && (8..=300_000_000 / (256 * 30_000)).contains(&counts[1]), "{counts:?}");
+    }
 }

@@ -17,7 +17,7 @@ pub(super) const OTHERS: u32 = 3;
 const WHOLE: u64 = 4 * (WINDOWS * WINDOW).pow(2) as u64;
 
 /// Cameras that see windows of the part of the picture that the scene may touch: each in a random place of its share of that; and
-/// [`OTHERS`] times as many elsewhere. A small part is one window, beside which there are no others. `None` where nothing is in
+/// [`OTHERS`] times as many elsewhere. Any first few of either are spread over all. A small part is one window, beside which there are no others. `None` where nothing is in
 /// the picture; none in pictures that are smaller than a window.
 pub(super) fn windows(view: SceneView) -> Option<[Vec<Camera>; 2]> {
     let SceneView { camera, settings, .. } = view;
@@ -54,5 +54,44 @@ pub(super) fn windows(view: SceneView) -> Option<[Vec<Camera>; 2]> {
         (sides[axis].start + (f64::from(room) * share) as u32) as i32
     };
     let window = |number: u32| camera.part([corner(number, 0), corner(number, 1)], [WINDOW; 2]).ok();
-    Some([0..all, all..(1 + OTHERS) * all].map(|numbers| numbers.filter_map(window).collect()))
+    Some([0..all, all..(1 + OTHERS) * all].map(|numbers| spread(numbers.filter_map(window).collect())))
+}
+
+/// The same windows, any first few of which are spread over all: by steps of the golden section.
+fn spread(windows: Vec<Camera>) -> Vec<Camera> {
+    let count = windows.len();
+    let are_prime = |step: &usize| (2..=*step).all(|i| !(step.is_multiple_of(i) && count.is_multiple_of(i)));
+    let step = (count * 618 / 1000..).find(are_prime).unwrap_or(1);
+    (0..count).map(|number| windows[number * step % count]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Pose;
+    use glam::DVec3;
+
+    /// Of eight rows of eight the first few lie in as many rows and as many columns.
+    #[test]
+    fn the_first_few_are_spread_over_all() {
+        let pose = Pose::look_at(DVec3::ZERO, DVec3::Y, DVec3::Z).unwrap();
+        let picture = Camera::perspective(pose, 1.0, [64; 2]).unwrap();
+        let one = |width: u32| picture.part([0; 2], [width, 1]).unwrap();
+        for count in [0, 1, 2, 3, 7, 12, 56, 64] {
+            let numbers: Vec<u32> =
+                spread((1..=count).map(one).collect()).iter().map(|camera| camera.size()[0] - 1).collect();
+            let mut sorted = numbers.clone();
+            sorted.sort_unstable();
+            assert_eq!(sorted, (0..count).collect::<Vec<_>>());
+            if count == 64 {
+                let mut rows: Vec<u32> = numbers[..4].iter().map(|number| number / 8).collect();
+                let mut columns: Vec<u32> = numbers[..4].iter().map(|number| number % 8).collect();
+                rows.sort_unstable();
+                columns.sort_unstable();
+                rows.dedup();
+                columns.dedup();
+                assert_eq!([rows.len(), columns.len()], [4, 4], "{numbers:?}");
+            }
+        }
+    }
 }
