@@ -192,6 +192,13 @@ impl Camera {
         Ok(self)
     }
 
+    /// The same picture where rays are parallel and nothing of it lies before `z`, seen from there: all depths are so much less.
+    pub(crate) fn seen_from_plane(mut self, z: f64) -> Self {
+        self.pose.world_to_camera.translation.z -= z;
+        self.near = (self.near - z).max(0.0);
+        self
+    }
+
     /// A camera that sees a part of the picture: `size` pixels from `corner` on, which may lie outside.
     ///
     /// # Errors

@@ -7,7 +7,7 @@ mod drawn;
 mod picture;
 mod tiles;
 
-use crate::camera::Camera;
+use crate::camera::{Camera, Projection};
 use crate::closing::Closing;
 use crate::cull::{VisibleRange, find_affordable, touched_pixels};
 use crate::cuts::KeptCuts;
@@ -49,11 +49,16 @@ pub fn render(
 /// Tiles that what is seen is in at least, as far as tiles can be small.
 const LEAST_TILES: usize = 64;
 
+/// How many times as far away as it is deep a scene is told from a plane before it. Depths keep a millionth of that then.
+const MANY_TIMES: f64 = 16.0;
+
 /// What the passes of a frame share.
 #[derive(Clone, Copy)]
 struct Shared<'a> {
     view: SceneView<'a>,
     closing: Closing,
+    /// The z of the plane that depths are told from.
+    plane: f32,
     observer: &'a dyn Observer,
 }
 
@@ -136,13 +141,19 @@ impl Renderer {
         let splats = scene.validate()?;
         // The colours of forms are shown as they are.
         let settings = &RenderSettings { shade: settings.shade && !settings.color_by_form, ..*settings };
-        let view = SceneView { scene, camera, settings };
-        let culled = watched(observer, Stage::Cull, || self.cull(view));
+        let mut view = SceneView { scene, camera, settings };
+        let mut culled = watched(observer, Stage::Cull, || self.cull(view));
+        let plane = self.plane_before_all(camera);
+        let from_plane = camera.seen_from_plane(plane);
+        if plane != 0.0 {
+            view.camera = &from_plane;
+            culled = watched(observer, Stage::Cull, || self.cull(view));
+        }
         if self.chooses_tiles {
             self.tile_side = self.choose_tile_side(camera);
         }
         let closing = Closing::new(view, &self.visible.volumes)?;
-        let shared = Shared { view, closing, observer };
+        let shared = Shared { view, closing, plane: plane as f32, observer };
         self.lattice.begin(view, &self.visible, self.tile_side);
         self.prepare(view);
         let has_surfaces = !self.visible.surfaces.is_empty();
@@ -186,6 +197,17 @@ impl Renderer {
         culled
     }
 
+    /// Where rays are parallel a plane before all that is seen, from which single precision knows depths well: 0, but if that is many times as far
+    /// away as what is seen is deep. It stays while that moves a little.
+    fn plane_before_all(&self, camera: &Camera) -> f64 {
+        let distances = || self.visible.iter().flatten().map(|range| range.distances.map(f64::from));
+        let near = distances().map(|[least, _]| least).fold(f64::INFINITY, f64::min);
+        let far = distances().map(|[_, most]| most).fold(f64::NEG_INFINITY, f64::max);
+        let step = (MANY_TIMES * (far - near)).log2().ceil().exp2();
+        let is_far = near.abs() > step && step > 0.0 && camera.projection() == Projection::Orthographic;
+        if is_far { (near / step).floor() * step } else { 0.0 }
+    }
+
     /// Smaller tiles where all that is seen lies in a few: threads take tiles.
     fn choose_tile_side(&self, camera: &Camera) -> usize {
         let pixels = touched_pixels(camera, self.visible.iter().flatten());
@@ -218,7 +240,7 @@ impl Renderer {
 
     /// Draws surfaces, whose cuts are kept where there are volumes, or volumes; again where something was wrongly left out.
     fn draw_pass(&mut self, pass: Pass, shared: Shared) {
-        let Shared { view, closing, observer } = shared;
+        let Shared { view, closing, observer, .. } = shared;
         let visible = Visible { view, closing, ranges: &self.visible };
         watched(observer, Stage::Cull, || self.occlusion.begin_pass(pass, visible));
         loop {
@@ -244,7 +266,7 @@ impl Renderer {
     }
 
     /// Lists what each tile draws in a round, in its order.
-    fn list(&mut self, pass: Pass, Shared { view, closing, observer }: Shared) {
+    fn list(&mut self, pass: Pass, Shared { view, closing, observer, .. }: Shared) {
         let size = view.camera.size();
         match pass {
             Pass::Surfaces => {

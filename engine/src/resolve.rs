@@ -22,6 +22,8 @@ pub(crate) struct Resolver<'a> {
     pub(crate) octets: &'a [Octet],
     pub(crate) settings: &'a RenderSettings,
     pub(crate) lens: Lens,
+    /// The z of the plane that depths are told from.
+    pub(crate) plane: f32,
     pub(crate) camera_to_world: DMat3,
 }
 
@@ -214,9 +216,9 @@ impl Resolver<'_> {
         let (zero, infinity) = (W::simd_from(simd, 0.0), W::simd_from(simd, f32::INFINITY));
         let some = seen.opacity.simd_gt(zero);
         Rest {
-            expected_depth: some.select(seen.depth / seen.opacity, infinity).into(),
-            median_depth: seen.median.into(),
-            depth: cut.depth.0,
+            expected_depth: some.select(seen.depth / seen.opacity + self.plane, infinity).into(),
+            median_depth: (seen.median + self.plane).into(),
+            depth: (cut.depth.load(simd) + self.plane).into(),
             normals: self.in_world(simd, cut).each(
                 #[inline(always)]
                 |v| v.into(),

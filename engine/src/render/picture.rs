@@ -118,7 +118,7 @@ impl Renderer {
     }
 
     fn tile_drawer<'a>(&'a self, shared: Shared<'a>) -> TileDrawer<'a> {
-        let Shared { view, closing, observer } = shared;
+        let Shared { view, closing, plane, observer } = shared;
         let (camera, settings) = (view.camera, view.settings);
         let (surfaces, volumes) = (&self.drawn.surfaces.records, &self.drawn.volumes.records);
         let lens = view.lens();
@@ -162,6 +162,7 @@ impl Renderer {
                 octets,
                 settings,
                 lens,
+                plane,
                 camera_to_world: camera.pose().world_to_camera.matrix3.transpose(),
             },
             looked: self.occlusion.looked(),
