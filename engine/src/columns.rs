@@ -205,7 +205,8 @@ pub(crate) struct Columns {
     pub(crate) normals: Option<Column<3>>,
     /// Of surfels that stand for others, see `levels::Orientation`. They stay in their order.
     pub(crate) orientations: Option<Column<9>>,
-    /// Of the same how fine what they stand for is, from 0 to 1: the root of the mean σ₁σ₂ of the cloud's own surfels over theirs.
+    /// Of the same how fine what they stand for is, from 0 to 1: the root of the mean σ₁σ₂ of the cloud's own surfels over theirs. Of kernels
+    /// with opacities that no filter dims, 1 or more: the sum of the opacities of the cloud's own that each stands for, over its own opacity.
     pub(crate) grains: Option<Column<1>>,
     pub(crate) material: Material,
 }

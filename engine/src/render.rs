@@ -200,9 +200,10 @@ impl Renderer {
     /// Where rays are parallel a plane before all that is seen, from which single precision knows depths well: 0, but if that is many times as far
     /// away as what is seen is deep. It stays while that moves a little.
     fn plane_before_all(&self, camera: &Camera) -> f64 {
-        let distances = || self.visible.iter().flatten().map(|range| range.distances.map(f64::from));
-        let near = distances().map(|[least, _]| least).fold(f64::INFINITY, f64::min);
-        let far = distances().map(|[_, most]| most).fold(f64::NEG_INFINITY, f64::max);
+        let ends = |range: &VisibleRange| [-1.0, 1.0].map(|to| to * range.reach + range.center_in_camera.z);
+        let ends = || self.visible.iter().flatten().map(ends);
+        let near = ends().map(|[near, _]| near).fold(f64::INFINITY, f64::min);
+        let far = ends().map(|[_, far]| far).fold(f64::NEG_INFINITY, f64::max);
         let step = (MANY_TIMES * (far - near)).log2().ceil().exp2();
         let is_far = near.abs() > step && step > 0.0 && camera.projection() == Projection::Orthographic;
         if is_far { (near / step).floor() * step } else { 0.0 }

@@ -318,7 +318,7 @@ impl Footprint {
     }
 
     /// 1/√|V|.
-    fn root_area(&self) -> f64 {
+    pub(super) fn root_area(&self) -> f64 {
         self.conic_root[0] * self.conic_root[2]
     }
 

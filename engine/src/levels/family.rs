@@ -19,6 +19,8 @@ pub(super) struct Member {
     pub(super) orientation: Orientation,
     /// The mean σ₁σ₂ of the cloud's own surfels that it stands for.
     pub(super) kernel_of_own: f64,
+    /// Of kernels with opacities, the sum of those of the cloud's own that it stands for.
+    pub(super) opacity_of_own: f64,
     /// Its part in the means of the family; all add up to 1.
     pub(super) share: f64,
 }
@@ -29,6 +31,8 @@ pub(super) struct Family {
     len: usize,
     /// What the shares are parts of.
     pub(super) weight: f64,
+    /// Of kernels with opacities, the sum of those of the cloud's own that all stand for.
+    pub(super) opacities: f64,
     pub(super) center: DVec3,
     /// The mean of the members' covariances, and the covariance of their centres.
     pub(super) within: DMat3,
@@ -47,11 +51,13 @@ impl Family {
             members,
             len,
             weight: 0.0,
+            opacities: 0.0,
             center: DVec3::ZERO,
             within: DMat3::ZERO,
             between: DMat3::ZERO,
         };
         family.weight = family.members().iter().map(|m| m.share).sum();
+        family.opacities = family.members().iter().map(|m| m.opacity_of_own).sum();
         for member in &mut family.members[..len] {
             // What isn't there is anywhere.
             member.share = if family.weight > 0.0 { member.share / family.weight } else { 1.0 / len as f64 };
@@ -106,6 +112,7 @@ impl Member {
         let normal = columns.normal(index).as_dvec3();
         let normal = if normal.length_squared() > 1.0 { normal.normalize() } else { normal };
         let is_surface = matches!(columns.kind, Kind::Surface(_));
+        let grain = columns.grains.as_ref().map_or(1.0, |grains| f64::from(grains.row(index)[0]));
         Self {
             center: columns.center(index).as_dvec3(),
             covariance,
@@ -113,11 +120,8 @@ impl Member {
             color: DVec3::from_array(columns.color(index).map(f64::from)),
             normal: if is_surface && normal == DVec3::ZERO { orientation.mean } else { normal },
             orientation,
-            kernel_of_own: columns
-                .grains
-                .as_ref()
-                .map_or(1.0, |grains| f64::from(grains.row(index)[0]).powi(2))
-                * across.length(),
+            kernel_of_own: grain.powi(2) * across.length(),
+            opacity_of_own: strength * grain,
             share: match columns.kind {
                 Kind::Extinction | Kind::Surface(_) => strength,
                 Kind::Opacity(_) => strength * mean_shadow(covariance),

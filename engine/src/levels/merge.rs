@@ -3,7 +3,7 @@
 use super::family::{Family, Member, mean_shadow, outer};
 use super::need::Terms;
 use super::{Level, Orientation, clusters, range_of};
-use crate::cloud::{Harmonics, Shapes, Splats, Strength, Surface};
+use crate::cloud::{Harmonics, OpacityFilter, Shapes, Splats, Strength, Surface};
 use crate::color::{linear_to_srgb, srgb_to_linear};
 use crate::columns::{CHILDREN, Column, Columns, Kind, SurfaceKind};
 use glam::{DMat3, DVec3, Mat3, Vec3};
@@ -20,8 +20,9 @@ struct Merged {
     color: [f32; 3],
     normal: Vec3,
     orientation: Orientation,
-    /// Of a surface σ₁σ₂, and see [`Columns::grains`].
+    /// Of a surface σ₁σ₂.
     kernel: f64,
+    /// See [`Columns::grains`].
     grain: f32,
     need: f32,
 }
@@ -85,6 +86,8 @@ pub(super) fn coarser(below: &Level, tolerance: f64) -> Level {
         }
         let orientations = merged.iter().map(|m| m.orientation.numbers()).collect();
         above.orientations = Some(Column::new(orientations, |numbers| *numbers));
+    }
+    if matches!(columns.kind, Kind::Surface(_) | Kind::Opacity(OpacityFilter::Classic)) {
         above.grains = Some(Column::new(column(|m| m.grain), |grain| [*grain]));
     }
     let needs = column(|m| m.need);
@@ -129,6 +132,7 @@ impl Merged {
                 let shadow = mean_shadow(covariance);
                 strength = if shadow > 0.0 { (family.weight / shadow).min(1.0) } else { 0.0 };
                 factor = lower_factor(covariance);
+                grain = (family.opacities / strength.max(f64::MIN_POSITIVE)).max(1.0) as f32;
             }
             Kind::Surface(SurfaceKind { ref closed, .. }) => {
                 // What has no sides has none that all normals are on.

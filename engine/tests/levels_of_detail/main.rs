@@ -7,7 +7,8 @@ mod scenes;
 
 use glam::{DVec3, Mat3, Vec3};
 use oblate_engine::{
-    Camera, Cloud, Counts, Frame, Material, Observer, RenderSettings, Scene, Shapes, Strength, render,
+    Camera, Cloud, Counts, Frame, Material, Observer, OpacityFilter, RenderSettings, Scene, Shapes, Strength,
+    render,
 };
 use scenes::*;
 use std::sync::Mutex;
@@ -178,6 +179,34 @@ fn a_budget_is_kept() {
         // Few splats are a blur, but as bright.
         let error = energy(&frame) / energy(&off.0) - 1.0;
         assert!(error.abs() < 0.1, "{budget}: {error}");
+    }
+}
+
+/// Kernels that no filter dims show an area as large as the filter's, however small they are. Faint ones, that hide little of each other.
+#[test]
+fn what_no_filter_dims_keeps_its_light() {
+    for filter in [OpacityFilter::Classic, OpacityFilter::Compensated] {
+        let mut splats = ball(48).splats();
+        let peaks = vec![0.02; splats.centers.len()];
+        splats.shapes = Shapes::Shared(Mat3::IDENTITY * 0.006);
+        splats.strength = Strength::Opacity { peaks, filter };
+        let cloud = with_levels(Cloud::new(splats).unwrap());
+        // A pixel is 0.04 wide: six σ.
+        let camera = camera(6.0, 128);
+        let every_splat = RenderSettings { level_of_detail: 0.0, ..RenderSettings::default() };
+        let (all, _) = draw_with(&cloud, &camera, every_splat);
+        for budget in [5000, 15_000] {
+            let (few, drawn) = draw_with(
+                &cloud,
+                &camera,
+                RenderSettings { budget: Some(budget), ..RenderSettings::default() },
+            );
+            assert!(drawn as usize <= budget && drawn > 0, "{drawn} of {budget}");
+            let error = energy(&few) / energy(&all) - 1.0;
+            println!("{filter:?}, {budget}: {error}");
+            // As the blur of `a_budget_is_kept`.
+            assert!(error.abs() < 0.1, "{filter:?}, {budget}: {error}");
+        }
     }
 }
 

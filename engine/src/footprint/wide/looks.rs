@@ -130,7 +130,19 @@ impl WideProjector<'_> {
             }
             columns::Kind::Opacity(filter) => {
                 let peak = match filter {
-                    OpacityFilter::Classic => strength * footprints.gain,
+                    OpacityFilter::Classic => {
+                        let peak = strength * footprints.gain;
+                        columns.grains.as_ref().map_or(
+                            peak,
+                            #[inline(always)]
+                            |grains| {
+                                let grain = V::simd_from(simd, grains.block(block)[0]);
+                                let [root, _, other] = footprints.conic_root;
+                                let of_filter = root * other * self.low_pass;
+                                peak * (grain - splat(simd, 1.0)).mul_add(of_filter, splat(simd, 1.0))
+                            },
+                        )
+                    }
                     OpacityFilter::Compensated => strength * footprints.attenuation,
                 };
                 let amplitude = peak.min(splat(simd, LARGEST_ALPHA as f32));
