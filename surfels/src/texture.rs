@@ -79,7 +79,7 @@ impl<'a> Pyramid<'a> {
     }
 
     /// Of those of a mask, the one whose means have about this least alpha.
-    pub(crate) fn nearest<'b>(of: &'b [Self], least: Option<u16>) -> Option<&'b Self> {
+    pub(crate) fn nearest(of: &[Self], least: Option<u16>) -> Option<&Self> {
         of.iter().min_by_key(|pyramid| pyramid.least.zip(least).map(|(own, wanted)| own.abs_diff(wanted)))
     }
 
