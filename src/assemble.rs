@@ -4,7 +4,7 @@ use crate::content::{Body, Item, placed_mesh, placed_volume};
 use crate::description::{CameraOptions, Look};
 use crate::detail::levels_pay;
 use crate::draw::Drawing;
-use crate::finish::{Paint, kept};
+use crate::finish::{Paint, cutting, kept, reached};
 use crate::framing::{View, farthest, outline};
 use crate::points::{Placed, placed_settings};
 use crate::progress::Console;
@@ -46,7 +46,7 @@ struct Standing {
     /// The numbers of its places.
     places: Vec<usize>,
     moves: Vec<DAffine3>,
-    /// What of the world it is left in.
+    /// What of the world it is left in; planes that miss it are among them.
     kept: Vec<HalfSpace>,
 }
 
@@ -58,7 +58,9 @@ impl Standing {
     }
 
     /// What is left of it: where nothing is cut itself, else what of it stands in each place.
-    fn cut(self) -> Result<Vec<Self>> {
+    fn cut(mut self) -> Result<Vec<Self>> {
+        let in_world: Vec<DAffine3> = self.moves.iter().map(|to| *to * self.cloud.cloud_to_world()).collect();
+        self.kept = cutting(self.kept, || reached(&self.cloud), &in_world);
         if self.kept.is_empty() {
             return Ok(vec![self]);
         }
@@ -97,7 +99,10 @@ pub(crate) fn assemble(
         let kept = kept(&look);
         let stand = |cloud| Standing::new((&name, cloud), &moves, &kept);
         match body {
-            Body::Mesh(mesh) => meshes.push(StandingMesh { name, mesh, places, look }),
+            Body::Mesh(mesh) => {
+                let kept = cutting(kept, || mesh.bounds(), &places);
+                meshes.push(StandingMesh { name, mesh, places, look, kept });
+            }
             Body::Splats { cloud, .. } => standing.push(stand(cloud.transformed(places[0]))),
             Body::Points(points) => {
                 let _task = console.task(format!("surfels of {name}"));
@@ -139,10 +144,9 @@ pub(crate) fn assemble(
         / sampled.iter().map(|(_, moves)| moves.len()).sum::<usize>().max(1);
     for ((mesh, moves), wanted) in sampled.into_iter().zip(wanted) {
         let is_whole = mesh.is_whole(&moves);
-        let StandingMesh { name, mesh, look, .. } = mesh;
+        let StandingMesh { name, mesh, look, kept, .. } = mesh;
         let _task = console.task(format!("surfels of {name}"));
         let share = (wanted * for_each) as usize;
-        let kept = kept(&look);
         let clouds =
             surfels(&mesh, &look, (&camera, is_whole), share.min(ids)).with_context(|| name.clone())?;
         let stand = |cloud| Standing::new((&name, cloud), &moves, &kept);
@@ -231,6 +235,8 @@ struct StandingMesh {
     mesh: Mesh,
     places: Vec<DAffine3>,
     look: Look,
+    /// What of the world it is left in; nothing where that is all of it.
+    kept: Vec<HalfSpace>,
 }
 
 impl StandingMesh {
@@ -245,7 +251,7 @@ impl StandingMesh {
 
     /// Whether surfels are of all sides: what is cut open shows its backs, and other places show other sides.
     fn is_whole(&self, moves: &[DAffine3]) -> bool {
-        moves.len() > 1 || !kept(&self.look).is_empty()
+        moves.len() > 1 || !self.kept.is_empty()
     }
 
     /// How many surfels it takes, if that follows the view.

@@ -8,7 +8,7 @@ use crate::progress::Console;
 use anyhow::Result;
 use glam::{DAffine3, DMat3, DVec3, Vec4};
 use oblate::engine::Light;
-use oblate::surfels::{BaseColor, Mesh, Texture, Wrap, primitives};
+use oblate::surfels::{BaseColor, Filter, Mesh, Texture, Wrap, primitives};
 use oblate::volumes::{Volume, Voxels, shepp_logan};
 use std::sync::Arc;
 
@@ -130,5 +130,5 @@ fn checker() -> Texture {
             if light { [0xff, 0xff, 0xff, 0xff] } else { [0xac, 0x9e, 0xa4, 0xff] }
         })
         .collect();
-    Texture { width: SIDE, height: SIDE, texels, wrap: [Wrap::Repeat; 2] }
+    Texture { width: SIDE, height: SIDE, texels, wrap: [Wrap::Repeat; 2], filter: Filter::Linear }
 }

@@ -106,6 +106,12 @@ impl DepthInputs {
         Ok(images)
     }
 
+    /// The files that are named.
+    pub(crate) fn reads(&self) -> impl Iterator<Item = &Path> {
+        let poses = self.pose.iter().flat_map(|text| pose_files(text));
+        self.files.iter().map(PathBuf::as_path).chain(poses).chain([Path::new(&self.intrinsics)])
+    }
+
     fn image(
         &self,
         [color, depth]: [&Path; 2],
@@ -172,6 +178,11 @@ impl DepthInputs {
             }
         }
     }
+}
+
+/// What the file of `FILE` or `FILE:N` may be.
+pub(crate) fn pose_files(text: &str) -> impl Iterator<Item = &Path> {
+    [Some(text), text.rsplit_once(':').map(|(path, _)| path)].into_iter().flatten().map(Path::new)
 }
 
 /// The pose at `FILE` or `FILE:N`.

@@ -4,6 +4,7 @@
 //! what neither makes is decided where it is used.
 
 use crate::notation::{self, Corners, Plane, Press, Rgba, Tolerance};
+use crate::transfer::is_preset;
 use clap::{Args, ValueEnum};
 use glam::DAffine3;
 use oblate::engine::{Blend, FootprintForm, Light, Order};
@@ -11,7 +12,7 @@ use oblate::surfels::PointColor;
 use oblate::volumes::TransferFunction;
 use serde::Deserialize;
 use std::convert::Infallible;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A scene before its files are read.
 #[derive(Clone, Debug, Default)]
@@ -343,6 +344,11 @@ impl FileOptions {
             max_memory: self.max_memory.or(under.max_memory),
         }
     }
+
+    /// The files that are named.
+    pub(crate) fn reads(&self) -> impl Iterator<Item = &Path> {
+        [&self.texture, &self.flow].into_iter().flatten().map(PathBuf::as_path)
+    }
 }
 
 /// `--type`.
@@ -458,6 +464,16 @@ impl Look {
             clip_plane: self.clip_plane.or(under.clip_plane),
             point_color: self.point_color.or(under.point_color),
         }
+    }
+
+    /// The files that are named.
+    pub(crate) fn reads(&self) -> impl Iterator<Item = &Path> {
+        let transfers = [&self.transfer, &self.color_transfer].into_iter().flatten();
+        let files = transfers.filter_map(|transfer| match transfer {
+            Transfer::Named(name) if !is_preset(name) => Some(Path::new(name)),
+            _ => None,
+        });
+        self.color_by.iter().map(PathBuf::as_path).chain(files)
     }
 }
 

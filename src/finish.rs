@@ -9,6 +9,7 @@ use glam::{DAffine3, DVec3};
 use oblate::engine::{Cloud, HalfSpace};
 use oblate::importers::Content;
 use oblate::volumes::{Space, TransferFunction, Volume, painted};
+use rayon::prelude::*;
 
 /// Another volume and the colours of its values.
 pub(crate) struct Paint {
@@ -51,4 +52,37 @@ pub(crate) fn kept(look: &Look) -> Vec<HalfSpace> {
         HalfSpace { normal: DVec3::new(x, y, z), offset }
     });
     corners.chain(planes).collect()
+}
+
+/// Those of the planes that have not all of a thing, which has these bounds, inside in each of its places; none of nothing.
+pub(crate) fn cutting(
+    kept: Vec<HalfSpace>,
+    bounds: impl FnOnce() -> Option<[DVec3; 2]>,
+    places: &[DAffine3],
+) -> Vec<HalfSpace> {
+    if kept.is_empty() {
+        return kept;
+    }
+    let Some([low, high]) = bounds() else { return Vec::new() };
+    let holds = |plane: &HalfSpace, place: &DAffine3| {
+        let normal = place.matrix3.transpose() * plane.normal;
+        let outermost = DVec3::select(normal.cmpgt(DVec3::ZERO), low, high);
+        normal.dot(outermost) + plane.normal.dot(place.translation) >= plane.offset
+    };
+    kept.into_iter().filter(|plane| !places.iter().all(|place| holds(plane, place))).collect()
+}
+
+/// Beyond as many σ about its centre no plane cuts a splat.
+const REACH: f64 = 4.0;
+
+/// Bounds in a cloud's space of what planes cut of it; `None` for an empty cloud.
+pub(crate) fn reached(cloud: &Cloud) -> Option<[DVec3; 2]> {
+    let of = |index: usize| {
+        let center = cloud.center(index).as_dvec3();
+        let rows = cloud.factor(index).as_dmat3().transpose();
+        let about = REACH * DVec3::from([rows.x_axis, rows.y_axis, rows.z_axis].map(DVec3::length));
+        [center - about, center + about]
+    };
+    let both = |[a, b]: [DVec3; 2], [c, d]: [DVec3; 2]| [a.min(c), b.max(d)];
+    (0..cloud.len()).into_par_iter().with_min_len(1 << 12).map(of).reduce_with(both)
 }

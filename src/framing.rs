@@ -10,6 +10,9 @@ use rayon::prelude::*;
 /// Share of half the picture that stays free on each side of the points of a framed scene; what is about them has it.
 const MARGIN: f64 = 0.06;
 
+/// To which share of the distance of the target eye and target are rounded; the target at least to a quarter of a pixel.
+const ROUNDING: f64 = 1e-4;
+
 /// Vertical angle of view in degrees.
 const FOV: f64 = 30.0;
 
@@ -72,9 +75,12 @@ impl View {
             (None, None) => framed.fitted(),
         };
         let distance = eye.unwrap_or(framed_eye).distance(target.unwrap_or(framed_target));
+        let step = ROUNDING * distance;
+        // Where the eye is moved, the view turns about the target; where that is, it goes aside.
+        let pixel = options.orthographic.unwrap_or(2.0 * whole.y * distance) / f64::from(size[1]);
         Ok(Self {
-            eye: eye.unwrap_or_else(|| rounded(framed_eye, distance)),
-            target: target.unwrap_or_else(|| rounded(framed_target, distance)),
+            eye: eye.unwrap_or_else(|| rounded(framed_eye, step)),
+            target: target.unwrap_or_else(|| rounded(framed_target, step.min(pixel / 4.0))),
             up,
             lens: options.orthographic.map_or(Lens::Angle(fov), Lens::Height),
         })
@@ -248,9 +254,9 @@ fn not_along(direction: DVec3, up: DVec3) -> DVec3 {
     }
 }
 
-/// Digits down to 1/10,000 of the distance or finer: short to print, and used as printed.
-fn rounded(v: DVec3, distance: f64) -> DVec3 {
-    let per_step = 10f64.powi(4 - distance.log10().floor() as i32);
+/// Digits down to a step or finer: short to print, and used as printed.
+fn rounded(v: DVec3, step: f64) -> DVec3 {
+    let per_step = 10f64.powi((step.log10().floor() as i32).saturating_neg());
     // Dividing by a power of ten gives the double nearest to the decimal, which prints in few digits.
     let rounded = if per_step >= 1.0 { (v * per_step).round() / per_step } else { v.round() };
     if rounded.is_finite() { rounded } else { v }
@@ -304,6 +310,21 @@ mod tests {
             let bound = 1.0 - MARGIN;
             assert!((low.y + bound).abs() < 1e-3 && (high.y - bound).abs() < 1e-3, "{low} {high}");
             assert!(low.x > -bound && high.x < bound, "{low} {high}");
+        }
+    }
+
+    #[test]
+    fn small_angles_see_it_in_the_middle() {
+        let points = cube(0.311, 0.727);
+        for options in [
+            CameraOptions { fov: Some(0.01), ..Default::default() },
+            CameraOptions { fov: Some(0.001), eye: Some([3e4, 1e4, 2e4]), ..Default::default() },
+        ] {
+            let view = complete(&options, &points, DVec3::Y);
+            let (low, high) = extent(&view, &points);
+            // In pixels: a quarter, rounded.
+            let off = (low + high) / 2.0 * DVec2::new(100.0, 50.0);
+            assert!(off.abs().max_element() < 0.3, "{view}: {low} to {high}");
         }
     }
 

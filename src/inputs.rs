@@ -47,6 +47,15 @@ impl SceneArgs {
         Ok(described)
     }
 
+    /// The files that are named.
+    pub(crate) fn reads<'a>(&'a self, described: &'a Description) -> Vec<&'a Path> {
+        let of_source = |source: &'a Source| {
+            std::iter::once(source.path.as_path()).chain(source.file.reads()).chain(source.look.reads())
+        };
+        let given = self.files.iter().map(PathBuf::as_path).chain(self.file.reads()).chain(self.look.reads());
+        given.chain(described.sources.iter().flat_map(of_source)).collect()
+    }
+
     /// Reads what is described. What the command line says of looks counts for each file.
     pub(crate) fn load(&self, described: &mut Description, console: Console) -> Result<Vec<Item>> {
         let (items, uses) = if self.files.is_empty() {

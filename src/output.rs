@@ -35,6 +35,20 @@ impl Output {
         Ok(Self { path: path.to_owned(), place })
     }
 
+    /// That it would not take the place of any of these, which are read, nor of one of several files alike in a folder among them.
+    pub(crate) fn ensure_unread<P: AsRef<Path>>(&self, reads: &[P]) -> Result<()> {
+        let is_there = |path: &Path| {
+            path.canonicalize().is_ok_and(|read| read == self.place || is_one_of_several(&read, &self.place))
+        };
+        let read = reads.iter().map(AsRef::as_ref).find(|path| is_there(path) && !is_stream(&self.place));
+        read.map_or(Ok(()), |read| {
+            let [path, read] = [self.path.as_path(), read].map(Path::display);
+            anyhow::bail!(
+                "cannot write {path}: that would overwrite what is read as {read}; name another file"
+            )
+        })
+    }
+
     /// Whether both are one file.
     pub(crate) fn is_same(&self, other: &Self) -> bool {
         self.place == other.place
@@ -79,11 +93,11 @@ impl StatsPlace {
         if path == Path::new("-") { Ok(Self::StandardOutput) } else { Output::begin(path).map(Self::File) }
     }
 
-    /// That it is not where something else is written.
-    pub(crate) fn ensure_other(&self, output: &Output) -> Result<()> {
-        let is_same = matches!(self, Self::File(stats) if stats.is_same(output));
-        ensure!(!is_same, "--output and --stats name one file; give two");
-        Ok(())
+    /// That it is neither where something else is written nor any of these, which are read.
+    pub(crate) fn ensure_other<P: AsRef<Path>>(&self, output: &Output, reads: &[P]) -> Result<()> {
+        let Self::File(stats) = self else { return Ok(()) };
+        ensure!(!stats.is_same(output), "--output and --stats name one file; give two");
+        stats.ensure_unread(reads)
     }
 
     pub(crate) fn finish(self, stats: &impl Serialize) -> Result<()> {
@@ -93,6 +107,14 @@ impl StatsPlace {
             Self::File(output) => output.finish(|file| Ok(file.write_all(json.as_bytes())?)),
         }
     }
+}
+
+/// Whether a file is in a folder with others that have the same extension, as slices are.
+fn is_one_of_several(folder: &Path, file: &Path) -> bool {
+    let alike = |path: &Path| path != file && path.extension() == file.extension();
+    file.parent() == Some(folder)
+        && file.exists()
+        && folder.read_dir().is_ok_and(|files| files.flatten().any(|entry| alike(&entry.path())))
 }
 
 /// Whether there is a device or a pipe, which no file may replace: that of a user who may do everything would take

@@ -92,6 +92,8 @@ pub(crate) fn run(args: &ChartArgs) -> Result<()> {
         let _ = std::fs::remove_dir(&args.output);
     }
     place?;
+    let numbers = Output::begin(&args.output.join("chart.json"))?;
+    numbers.ensure_unread(args.peers.as_slice())?;
     let scale = if args.quick { Scale::Quick } else { Scale::Full };
     let names: Vec<PathBuf> = if args.scenes.is_empty() {
         BUILT_IN.iter().map(|built_in| built_in.name.into()).collect()

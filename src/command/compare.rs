@@ -36,7 +36,9 @@ pub(crate) fn run(args: &CompareArgs) -> Result<ExitCode> {
     let diff = args.diff.as_deref().map(|path| {
         let format = Format::of(path, None)?;
         ensure!(format == Format::Png8, "{}: differences are written as .png", path.display());
-        Output::begin(path)
+        let output = Output::begin(path)?;
+        output.ensure_unread(&[&args.a, &args.b])?;
+        Ok(output)
     });
     let diff = diff.transpose()?;
     let (a, b) = (Picture::read(&args.a)?, Picture::read(&args.b)?);

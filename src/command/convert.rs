@@ -62,6 +62,8 @@ pub(crate) fn run(args: ConvertArgs) -> Result<()> {
         Target::of(&args.to, false)?;
     }
     let output = Output::begin(&args.to)?;
+    let named = args.file.reads().chain(args.look.reads());
+    output.ensure_unread(&std::iter::once(args.from.as_path()).chain(named).collect::<Vec<_>>())?;
     let name = args.from.display().to_string();
     let (opened, uses) = open(&args.from, &args.file, console)?;
     let used = args.file.check_use(uses).and_then(|()| args.look.check_use(uses));

@@ -20,7 +20,7 @@ use oblate::volumes::{
     IsoSettings, IsoSurfels, Volume, stream_iso_surfels,
 };
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Writes the surface at a value of a volume as surfels, in oblate's own PLY: places, normals, areas, half-axes.
@@ -117,8 +117,10 @@ pub(crate) fn run(args: ExtractArgs) -> Result<()> {
     // Places that can't be written to are found before the work.
     let output = Output::begin(&args.output)?;
     let stats = args.stats.as_deref().map(StatsPlace::begin).transpose()?;
+    let reads: Vec<&Path> = std::iter::once(args.volume.as_path()).chain(args.file.reads()).collect();
+    output.ensure_unread(&reads)?;
     if let Some(stats) = &stats {
-        stats.ensure_other(&output)?;
+        stats.ensure_other(&output, &reads)?;
     }
     let settings = IsoSettings {
         interpolation: if args.tricubic { Interpolation::Tricubic } else { Interpolation::Trilinear },

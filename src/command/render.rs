@@ -71,11 +71,13 @@ pub(crate) fn run(args: RenderArgs) -> Result<()> {
     let format = Format::of(&args.output, args.bits)?;
     let output = Output::begin(&args.output)?;
     let stats = args.stats.as_deref().map(StatsPlace::begin).transpose()?;
+    let mut described = args.scene.describe()?;
+    let reads = args.scene.reads(&described);
+    output.ensure_unread(&reads)?;
     if let Some(stats) = &stats {
-        stats.ensure_other(&output)?;
+        stats.ensure_other(&output, &reads)?;
     }
 
-    let mut described = args.scene.describe()?;
     let mut drawing = Drawing::new(&described.picture, format.channels())?;
     drawing.measured = (stats.is_some() || args.repeat.is_some()).then_some(repeats);
     let (items, load_time) = timed(|| args.scene.load(&mut described, console))?;

@@ -1,7 +1,7 @@
 //! `oblate warp`.
 
 use super::use_threads;
-use crate::depth_inputs::{DepthInputs, pose};
+use crate::depth_inputs::{DepthInputs, pose, pose_files};
 use crate::notation::size;
 use crate::output::{Output, StatsPlace};
 use crate::picture::{Format, write_animation};
@@ -95,10 +95,17 @@ pub(crate) fn run(args: WarpArgs) -> Result<()> {
     let format = Format::of(&args.output, None)?;
     let output = Output::begin(&args.output)?;
     let stats = args.stats.as_deref().map(StatsPlace::begin).transpose()?;
+    let reads = args.reads();
+    output.ensure_unread(&reads)?;
     if let Some(stats) = &stats {
-        stats.ensure_other(&output)?;
+        stats.ensure_other(&output, &reads)?;
     }
     let poses = args.poses()?;
+    if args.sequence.is_some() {
+        for number in 0..poses.len() {
+            Output::begin(&beside(&args.output, number))?.ensure_unread(&reads)?;
+        }
+    }
     let (images, load_time) = timed(|| args.inputs.load(console))?;
     let cameras = poses.iter().map(|pose| args.camera(&images[0], *pose)).collect::<Result<Vec<_>>>()?;
     // Filling asks for depths.
@@ -126,7 +133,9 @@ pub(crate) fn run(args: WarpArgs) -> Result<()> {
         output.finish(|file| write_animation((size, cameras.len(), args.rate), &mut frames, file))?;
     }
     let [width, height] = cameras[0].size();
-    console.say(format_args!("wrote {}, {width}×{height}", args.output.display()));
+    let frames =
+        if args.sequence.is_some() { args.frames_written(cameras.len(), console) } else { String::new() };
+    console.say(format_args!("wrote {}, {width}×{height}{frames}", args.output.display()));
     if let Some(place) = stats {
         let after_first = |times: &[f64]| median(times[usize::from(times.len() > 1)..].to_vec());
         place.finish(&WarpStats {
@@ -145,6 +154,12 @@ pub(crate) fn run(args: WarpArgs) -> Result<()> {
 }
 
 impl WarpArgs {
+    /// The files that are named.
+    fn reads(&self) -> Vec<&Path> {
+        let to = self.to.as_deref().into_iter().flat_map(pose_files);
+        self.inputs.reads().chain(self.sequence.as_deref()).chain(to).collect()
+    }
+
     /// Where pictures are taken from.
     fn poses(&self) -> Result<Vec<Pose>> {
         let Some(sequence) = &self.sequence else {
@@ -157,6 +172,25 @@ impl WarpArgs {
         let last = poses.len() - 1;
         let step = last as f64 / f64::from(frames.max(2) - 1);
         Ok((0..frames).map(|frame| between(&poses, f64::from(frame) * step)).collect())
+    }
+
+    /// What is said of the frames of a sequence; tells of those that an earlier, longer one has left.
+    fn frames_written(&self, count: usize, console: Console) -> String {
+        let name = |number: usize| beside(&self.output, number).display().to_string();
+        let older = (count..).take_while(|number| beside(&self.output, *number).exists()).count();
+        match older {
+            0 => {}
+            1 => console.say(format_args!("{} is of an earlier sequence", name(count))),
+            _ => console.say(format_args!(
+                "{} to {} are of an earlier sequence",
+                name(count),
+                name(count + older - 1)
+            )),
+        }
+        match count {
+            1 => format!(", 1 frame, {}", name(0)),
+            _ => format!(", {count} frames, {} to {}", name(0), name(count - 1)),
+        }
     }
 
     fn camera(&self, image: &RgbdImage, pose: Pose) -> Result<Camera> {

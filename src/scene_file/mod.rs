@@ -105,7 +105,7 @@ pub(crate) struct Problem {
 pub(crate) fn parse(text: &str, folder: &Path) -> Result<Description, Problem> {
     let file: File = toml::from_str(text).map_err(|e| Problem {
         // The message may go over several lines; errors are said on one.
-        message: e.message().trim().replace('\n', ", "),
+        message: brackets(text, e.span()).unwrap_or_else(|| e.message().trim().replace('\n', ", ")),
         span: e.span(),
     })?;
     let version = *file.version.get_ref();
@@ -146,6 +146,19 @@ pub(crate) fn parse(text: &str, folder: &Path) -> Result<Description, Problem> {
         sources,
         lights: lights.collect::<Result<_, _>>()?,
     })
+}
+
+/// What is said of a table that begins there, if it is written as the only one and is one of several, or the other way around.
+fn brackets(text: &str, span: Option<Range<usize>>) -> Option<String> {
+    let header = text.get(span?.start..)?.strip_prefix('[')?;
+    let (name, _) = header.trim_start_matches('[').split_once(']')?;
+    match name {
+        "mesh" | "volume" | "points" | "splats" | "light" if !header.starts_with('[') => {
+            Some(format!("there may be several; write [[{name}]]"))
+        }
+        "camera" | "render" if header.starts_with('[') => Some(format!("there is one; write [{name}]")),
+        _ => None,
+    }
 }
 
 /// A table's source, in each of its places: the table's own place is where it stands among its instances.
@@ -286,5 +299,9 @@ mod tests {
         assert!(problem("version = 1\n[[mesh]]\npath = 'a'\nscale = -1\n").contains("above 0"));
         assert!(problem("version = 1\n[[mesh]]\npath = 'a'\nscale = 'big'\n").contains("line 4"));
         assert!(problem("version = 1\n[render]\nfootprint = 'fine'\n").contains("line 3"));
+        for (wrong, right) in [("[mesh]", "[[mesh]]"), ("[light]", "[[light]]"), ("[[camera]]", "[camera]")] {
+            let said = problem(&format!("version = 1\n\n{wrong}\npath = 'a'\n"));
+            assert!(said.contains("line 3") && said.contains(&format!("; write {right}")), "{said}");
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::facets::{Facet, Facets, Part};
 use crate::mesh::{Mesh, Primitive, Texture};
-use crate::texture::{Mask, Pyramid};
+use crate::texture::{Pyramid, least_alpha};
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -14,27 +14,36 @@ const TEXTURED_AREA: f32 = 0.25;
 /// The same where a mask has edges, which no kernel makes even: a share of a piece is there or isn't.
 const MASKED_AREA: f32 = 0.125;
 
+/// Masks that a texture is averaged with, at most, where vertices make one of many.
+const MASKS: u16 = 8;
+
 /// What the facets of a mesh look like.
 pub(crate) struct Appearance<'a> {
     facets: &'a Facets<'a>,
-    /// Of each part.
-    textures: Vec<Option<&'a Pyramid<'a>>>,
+    /// Of each part; one, or of masks one or more.
+    textures: Vec<&'a [Pyramid<'a>]>,
     /// Whether nothing of a part can be seen through, as it is drawn: few texels more or less don't tell, as they would of closed bodies.
     are_opaque: Vec<bool>,
 }
 
 /// The textures of a mesh, each once for each mask, ready to be sampled.
-pub(crate) struct Textures<'a>(HashMap<Key, Pyramid<'a>>);
+pub(crate) struct Textures<'a>(HashMap<Key, Vec<Pyramid<'a>>>);
 
-/// A texture, and the bits of its mask.
-type Key = (*const Texture, Option<[u32; 2]>);
+/// A texture, and the ends of the least alphas of its masks.
+type Key = (*const Texture, Option<[u16; 2]>);
 
 impl<'a> Textures<'a> {
     pub(crate) fn new(mesh: &'a Mesh) -> Self {
         let mut pyramids = HashMap::new();
         for part in &mesh.primitives {
             if let Some(texture) = texture(part) {
-                pyramids.entry(key(part, texture)).or_insert_with(|| Pyramid::new(texture, mask(part)));
+                let key = key(part, texture);
+                let masked = |least: Vec<u16>| {
+                    least.into_iter().map(|least| Pyramid::new(texture, Some(least))).collect()
+                };
+                let new =
+                    || key.1.map_or_else(|| vec![Pyramid::new(texture, None)], |ends| masked(steps(ends)));
+                pyramids.entry(key).or_insert_with(new);
             }
         }
         Self(pyramids)
@@ -46,27 +55,35 @@ fn texture(part: &Primitive) -> Option<&Arc<Texture>> {
     part.tex_coords.as_ref().and(part.material.texture.as_ref())
 }
 
-fn mask(part: &Primitive) -> Option<Mask> {
-    let factor = part.material.factor.w;
-    part.alpha_cutoff.map(|cutoff| Mask { factor, cutoff })
+fn key(part: &Primitive, texture: &Arc<Texture>) -> Key {
+    let masks = part.alpha_cutoff.map(|cutoff| {
+        let alphas = part.colors.iter().flatten().map(|color| color.w);
+        let ends = alphas.map(|alpha| [alpha; 2]).reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]);
+        let [low, high] = ends.unwrap_or([1.0; 2]);
+        [high, low].map(|alpha| least_alpha(part.material.factor.w * alpha, cutoff))
+    });
+    (Arc::as_ptr(texture), masks)
 }
 
-fn key(part: &Primitive, texture: &Arc<Texture>) -> Key {
-    (Arc::as_ptr(texture), mask(part).map(|mask| [mask.factor, mask.cutoff].map(f32::to_bits)))
+/// Evenly from one to the other, both among them.
+fn steps([first, last]: [u16; 2]) -> Vec<u16> {
+    let count = last.saturating_sub(first).min(MASKS - 1);
+    (0..=count).map(|step| first + (last.saturating_sub(first)) * step / count.max(1)).collect()
 }
 
 impl<'a> Appearance<'a> {
     pub(crate) fn new(facets: &'a Facets<'a>, textures: &'a Textures<'a>) -> Self {
         let find = |part: &Primitive| texture(part).and_then(|texture| textures.0.get(&key(part, texture)));
-        let textures: Vec<_> = facets.parts.iter().map(|part| find(part.primitive)).collect();
-        let is_opaque = |(part, texture): (&Part, &Option<&Pyramid>)| {
+        let of = |part: &Part| find(part.primitive).map_or(&[][..], Vec::as_slice);
+        let textures: Vec<_> = facets.parts.iter().map(of).collect();
+        let is_opaque = |(part, texture): (&Part, &&[Pyramid])| {
             let Primitive { material, colors, alpha_cutoff, .. } = part.primitive;
             let is_whole = |share: f32| material.factor.w * share >= alpha_cutoff.unwrap_or(1.0);
             let are_whole = match colors {
                 Some(colors) => colors.iter().all(|color| is_whole(color.w)),
                 None => is_whole(1.0),
             };
-            are_whole && texture.is_none_or(Pyramid::is_opaque)
+            are_whole && texture.iter().all(Pyramid::is_opaque)
         };
         let are_opaque = facets.parts.iter().zip(&textures).map(is_opaque).collect();
         Self { facets, textures, are_opaque }
@@ -81,7 +98,7 @@ impl<'a> Appearance<'a> {
     pub(crate) fn of(&self, facet: &Facet, side: f64) -> Look<'a> {
         let part = &self.facets.parts[facet.part as usize];
         let primitive = part.primitive;
-        let pyramid = self.textures[facet.part as usize];
+        let pyramids = self.textures[facet.part as usize];
         let vertices = part.vertices(facet.triangle);
         let [corner, b, c] = self.facets.corners(facet).map(|p| p / side);
         let area = facet.area / (side * side) as f32;
@@ -89,16 +106,16 @@ impl<'a> Appearance<'a> {
         let double = 2.0 * area;
         // What is thinner than 1e-15 cells looks as its first corner does.
         let slope = |slope: Vec3| if slope.length_squared() < 1e30 { slope } else { Vec3::ZERO };
-        let coords = pyramid.and(primitive.tex_coords.as_ref()).map(|coords| vertices.map(|v| coords[v]));
+        let coords = primitive.tex_coords.as_ref().map(|coords| vertices.map(|v| coords[v]));
         Look {
             corner,
             shares: [c.cross(facet.normal), facet.normal.cross(b)].map(|v| slope(v / double)),
             factor: primitive.material.factor,
             cutoff: primitive.alpha_cutoff,
             colors: primitive.colors.as_ref().map(|colors| vertices.map(|v| colors[v])),
-            texture: pyramid.zip(coords).map(|(pyramid, coords)| {
-                let texels = texels(coords, pyramid.size()) / area;
-                Textured { pyramid, coords, texels }
+            texture: pyramids.first().zip(coords).map(|(first, coords)| {
+                let texels = texels(coords, first.size()) / area;
+                Textured { pyramids, coords, texels }
             }),
             normals: part.normals.as_ref().map(|normals| vertices.map(|v| normals[v])),
             normal: facet.normal,
@@ -120,7 +137,8 @@ pub(crate) struct Look<'a> {
 }
 
 struct Textured<'a> {
-    pyramid: &'a Pyramid<'a>,
+    /// One or more.
+    pyramids: &'a [Pyramid<'a>],
     coords: [Vec2; 3],
     /// In a squared cell.
     texels: f32,
@@ -147,10 +165,15 @@ impl Look<'_> {
         if let Some(colors) = self.colors {
             color *= colors[0] * shares.x + colors[1] * shares.y + colors[2] * shares.z;
         }
-        color = visible(color, self.cutoff);
-        if let Some(Textured { pyramid, coords, texels }) = &self.texture {
+        if let Some(Textured { pyramids, coords, texels }) = &self.texture {
             let at = coords[0] * shares.x + coords[1] * shares.y + coords[2] * shares.z;
-            color *= pyramid.sample(at, texels * area.max(self.most_area()));
+            let least = self.cutoff.map(|cutoff| least_alpha(color.w, cutoff));
+            let sample = |pyramid: &Pyramid| pyramid.sample(at, texels * area.max(self.most_area()), least);
+            // A mask has its alpha from texels alone: they were compared with what is left of the cut-off.
+            let shown = if least.is_some() { color.with_w(1.0) } else { visible(color, None) };
+            color = shown * Pyramid::nearest(pyramids, least).map_or(Vec4::ZERO, sample);
+        } else {
+            color = visible(color, self.cutoff);
         }
         let smooth = self
             .normals

@@ -43,7 +43,7 @@ pub use depth_image::{
 };
 pub use error::SampleError;
 pub use flat::{Deviation, MergeError, Merged, merge_flat};
-pub use mesh::{BaseColor, Mesh, Primitive, Texture, Wrap};
+pub use mesh::{BaseColor, Filter, Mesh, Primitive, Texture, Wrap};
 pub use point_cloud::{
     POINT_COVERAGE_FLOOR, PointCloud, PointColor, PointError, PointSettings, point_range, point_surfels,
     point_values,

@@ -153,6 +153,11 @@ impl Mesh {
         self.primitives.iter().all(|part| part.triangles.is_empty() || !part.double_sided)
     }
 
+    /// Whether all of it shows its colours as they are.
+    pub(crate) fn is_unlit(&self) -> bool {
+        self.primitives.iter().all(|part| part.triangles.is_empty() || part.unlit)
+    }
+
     /// Whether nothing of it can be seen through: no alpha is below 1, and none of a texture's.
     pub(crate) fn is_opaque(&self) -> bool {
         let whole = |texture: &Texture| texture.texels.par_iter().all(|texel| texel[3] == u8::MAX);

@@ -26,9 +26,12 @@ pub struct Primitive {
     /// What the surface looks like.
     pub material: BaseColor,
     /// Whether alpha is a mask: what has at least this much is there and opaque, the rest is not. `None`: alpha is
-    /// the opacity. A texture's texels are compared before they are filtered, vertex colours after they are
-    /// interpolated, each times the factor.
+    /// the opacity. The product of factor, vertex colour and texel is compared: of texels before they are filtered, of vertex
+    /// colours after they are interpolated.
     pub alpha_cutoff: Option<f32>,
+    /// Whether its colours are shown as they are, whatever the lights; [`sample`](crate::sample()) heeds it where it is so of
+    /// all of a mesh.
+    pub unlit: bool,
     /// Whether its backs are to be seen. [`sample`](crate::sample()) asks for it where a mesh is not opaque; formats that
     /// say nothing of sides mean `true`.
     pub double_sided: bool,
@@ -67,6 +70,18 @@ pub struct Texture {
     pub texels: Vec<[u8; 4]>,
     /// What lies outside [0, 1], for u and v.
     pub wrap: [Wrap; 2],
+    /// What is between the middles of texels that are larger than surfels; smaller ones are averaged.
+    pub filter: Filter,
+}
+
+/// How a texture is magnified.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Filter {
+    /// Colours are interpolated bilinearly.
+    #[default]
+    Linear,
+    /// Texels are squares of one colour.
+    Nearest,
 }
 
 /// What lies outside a texture.

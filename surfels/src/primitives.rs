@@ -105,6 +105,7 @@ fn patch(
         colors: None,
         material: BaseColor::default(),
         alpha_cutoff: None,
+        unlit: false,
         double_sided: true,
         primitive_to_mesh: DAffine3::IDENTITY,
     }

@@ -30,7 +30,7 @@ pub enum Density {
 pub struct SamplerSettings {
     /// Never more surfels than this, at least 1; the spacing grows instead. Default 4 million.
     pub max_surfels: usize,
-    /// How the surface answers light.
+    /// How the surface answers light, unless all of the mesh is [`unlit`](crate::Primitive::unlit).
     pub material: Material,
 }
 
@@ -286,7 +286,7 @@ fn splats(
         colors,
         harmonics: None,
         normals: Some(normals),
-        material: settings.material,
+        material: if mesh.is_unlit() { Material::UNLIT } else { settings.material },
     }
 }
 

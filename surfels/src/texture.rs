@@ -1,6 +1,6 @@
 //! Textures in linear light, filtered over an extent by a pyramid of means.
 
-use crate::mesh::{Texture, Wrap};
+use crate::mesh::{Filter, Texture, Wrap};
 use glam::{Vec2, Vec4};
 use oblate_engine::color::srgb_to_linear;
 use rayon::prelude::*;
@@ -8,17 +8,20 @@ use rayon::prelude::*;
 /// A texture and its means over ever larger boxes: linear, premultiplied.
 pub(crate) struct Pyramid<'a> {
     texture: &'a Texture,
-    mask: Option<Mask>,
+    /// Of a mask, the least alpha of texels that are in the means.
+    least: Option<u16>,
     to_linear: [f32; 256],
     /// Levels 1 and up; level 0 is the texture itself.
     means: Vec<Level>,
 }
 
-/// Makes a texel opaque if its alpha times `factor` is at least `cutoff`, and nothing if not.
-#[derive(Clone, Copy)]
-pub(crate) struct Mask {
-    pub(crate) factor: f32,
-    pub(crate) cutoff: f32,
+/// The least alpha, 0 to 255, that times a factor is at least a mask's cut-off; 256 where none is. Texels of it or more are there and
+/// opaque, others are not.
+pub(crate) fn least_alpha(factor: f32, cutoff: f32) -> u16 {
+    let is_there = |alpha: &u16| f32::from(*alpha) / 255.0 * factor >= cutoff;
+    // As it is but for rounding.
+    let near = (255.0 * cutoff / factor).ceil().clamp(0.0, 256.0) as u16;
+    (near.saturating_sub(1)..near + 2).find(is_there).map_or(256, |alpha| alpha.min(256))
 }
 
 struct Level {
@@ -28,10 +31,10 @@ struct Level {
 }
 
 impl<'a> Pyramid<'a> {
-    /// Averages a texture whose texels fill its rows, down to one texel.
-    pub(crate) fn new(texture: &'a Texture, mask: Option<Mask>) -> Self {
+    /// Averages a texture whose texels fill its rows, down to one texel; of a mask, those of at least an alpha.
+    pub(crate) fn new(texture: &'a Texture, least: Option<u16>) -> Self {
         let to_linear = std::array::from_fn(|i| srgb_to_linear(i as f32 / 255.0));
-        let mut pyramid = Self { texture, mask, to_linear, means: Vec::new() };
+        let mut pyramid = Self { texture, least, to_linear, means: Vec::new() };
         let (mut width, mut height) = (texture.width, texture.height);
         while width > 1 || height > 1 {
             let level = pyramid.means.len();
@@ -42,7 +45,7 @@ impl<'a> Pyramid<'a> {
                 for (x, mean) in row.iter_mut().enumerate() {
                     for (j, weight_y) in shares(y, height, low) {
                         for (i, weight_x) in shares(x, width, narrow) {
-                            *mean += weight_x * weight_y * pyramid.texel(level, i, j);
+                            *mean += weight_x * weight_y * pyramid.texel((level, least), i, j);
                         }
                     }
                 }
@@ -54,26 +57,35 @@ impl<'a> Pyramid<'a> {
     }
 
     /// The mean colour around `at` over about `area` squared texels: linear, premultiplied. The levels
-    /// are interpolated trilinearly. A mask is as sharp as the area, however large its texels are.
-    pub(crate) fn sample(&self, at: Vec2, area: f32) -> Vec4 {
+    /// are interpolated trilinearly. A mask, whose own texels are those of at least an alpha, is as sharp as the area, however large
+    /// its texels are; so is everything between texels that are not interpolated.
+    pub(crate) fn sample(&self, at: Vec2, area: f32, least: Option<u16>) -> Vec4 {
         let level = (0.5 * area.max(1.0).log2()).min(self.means.len() as f32);
         let fine = level as usize;
-        let here = self.bilinear(fine, at);
-        if level > fine as f32 {
-            return here.lerp(self.bilinear(fine + 1, at), level - fine as f32);
+        // Between two texels values go from one to the other on the length of a texel; here on that of the area.
+        let width = area.sqrt().clamp(1e-6, 1.0);
+        let narrow = |share: f32| ((share - 0.5) / width + 0.5).clamp(0.0, 1.0);
+        if self.texture.filter == Filter::Nearest && width < 1.0 {
+            return self.bilinear((0, least), at, narrow);
         }
-        if self.mask.is_none() || here.w == 0.0 {
+        let here = self.bilinear((fine, least), at, |share| share);
+        if level > fine as f32 {
+            return here.lerp(self.bilinear((fine + 1, least), at, |share| share), level - fine as f32);
+        }
+        if least.is_none() || here.w == 0.0 {
             return here;
         }
-        // Between two texels alpha goes from 0 to 1 on the length of a texel; here on that of the area.
-        let width = area.sqrt().clamp(1e-6, 1.0);
-        let alpha = ((here.w - 0.5) / width + 0.5).clamp(0.0, 1.0);
-        here * (alpha / here.w)
+        here * (narrow(here.w) / here.w)
+    }
+
+    /// Of those of a mask, the one whose means have about this least alpha.
+    pub(crate) fn nearest(of: &[Self], least: Option<u16>) -> Option<&Self> {
+        of.iter().min_by_key(|pyramid| pyramid.least.zip(least).map(|(own, wanted)| own.abs_diff(wanted)))
     }
 
     /// Whether nothing of it can be seen through, but for a ten-thousandth at most.
     pub(crate) fn is_opaque(&self) -> bool {
-        self.texel(self.means.len(), 0, 0).w > 0.9999
+        self.texel((self.means.len(), self.least), 0, 0).w > 0.9999
     }
 
     /// Width and height in texels.
@@ -81,23 +93,28 @@ impl<'a> Pyramid<'a> {
         Vec2::new(self.texture.width as f32, self.texture.height as f32)
     }
 
-    fn bilinear(&self, level: usize, at: Vec2) -> Vec4 {
+    fn bilinear(
+        &self,
+        (level, least): (usize, Option<u16>),
+        at: Vec2,
+        toward_next: impl Fn(f32) -> f32,
+    ) -> Vec4 {
         let (width, height) =
             if level == 0 { (self.texture.width, self.texture.height) } else { self.means[level - 1].size() };
         let ([x0, x1], right) = neighbors(at.x, width, self.texture.wrap[0]);
         let ([y0, y1], down) = neighbors(at.y, height, self.texture.wrap[1]);
-        let texel = |x: usize, y: usize| self.texel(level, x, y);
+        let texel = |x: usize, y: usize| self.texel((level, least), x, y);
+        let [right, down] = [right, down].map(toward_next);
         texel(x0, y0).lerp(texel(x1, y0), right).lerp(texel(x0, y1).lerp(texel(x1, y1), right), down)
     }
 
-    fn texel(&self, level: usize, x: usize, y: usize) -> Vec4 {
+    fn texel(&self, (level, least): (usize, Option<u16>), x: usize, y: usize) -> Vec4 {
         if level > 0 {
             let mean = &self.means[level - 1];
             return mean.texels[y * mean.width + x];
         }
         let [r, g, b, a] = self.texture.texels[y * self.texture.width + x];
-        let alpha = f32::from(a) / 255.0;
-        let alpha = self.mask.map_or(alpha, |mask| f32::from(alpha * mask.factor >= mask.cutoff));
+        let alpha = least.map_or(f32::from(a) / 255.0, |least| f32::from(u16::from(a) >= least));
         let linear = |v: u8| self.to_linear[usize::from(v)] * alpha;
         Vec4::new(linear(r), linear(g), linear(b), alpha)
     }

@@ -4,9 +4,9 @@ mod support;
 
 use glam::{DAffine3, DQuat, DVec3, Vec2, Vec4};
 use oblate_engine::color::{linear_to_srgb, srgb_to_linear};
-use oblate_engine::{Camera, Cloud, Pose, RenderSettings, Scene, render};
+use oblate_engine::{Camera, Cloud, Material, Pose, RenderSettings, Scene, render};
 use oblate_surfels::{
-    BaseColor, Density, Mesh, Primitive, SamplerSettings, Texture, Wrap, primitives, sample,
+    BaseColor, Density, Filter, Mesh, Primitive, SamplerSettings, Texture, Wrap, primitives, sample,
 };
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use support::{centers, mesh_of, surface};
 fn texture(size: [usize; 2], wrap: Wrap, texel: impl Fn(usize, usize) -> [u8; 4]) -> Option<Arc<Texture>> {
     let [width, height] = size;
     let texels = (0..width * height).map(|i| texel(i % width, i / width)).collect();
-    Some(Arc::new(Texture { width, height, texels, wrap: [wrap; 2] }))
+    Some(Arc::new(Texture { width, height, texels, wrap: [wrap; 2], filter: Filter::Linear }))
 }
 
 fn grey(value: u8) -> [u8; 4] {
@@ -210,6 +210,69 @@ fn masks_compare_factor_times_vertex_colour() {
         // A quotient of rounded means.
         assert!(color.iter().zip(expected).all(|(c, e)| (c - e).abs() < 1e-6), "{color:?}");
     }
+}
+
+/// A texture of alpha ½ whose vertices have alpha from 0 on the left to 1 on the right: 0.3 of it is there from 0.6 on, in texels that are
+/// larger than surfels and in ones that are smaller.
+#[test]
+fn masks_compare_factor_times_vertex_colour_times_texel() {
+    for side in [4, 256] {
+        let half = texture([side, side], Wrap::Clamp, |_, _| [255, 0, 0, 128]);
+        let mut mesh = square(BaseColor { factor: Vec4::ONE, texture: half });
+        mesh.primitives[0].alpha_cutoff = Some(0.3);
+        let alpha = |p: &glam::Vec3| Vec4::ONE.with_w((p.x + 1.0) / 2.0);
+        mesh.primitives[0].colors = Some(mesh.primitives[0].positions.iter().map(alpha).collect());
+        let cloud = surfels(&mesh, 2500);
+        let opacities = surface(&cloud).opacities.expect("some are not there");
+        for (center, opacity) in centers(&cloud).iter().zip(&opacities) {
+            let alpha = (center.x + 1.0) / 2.0;
+            // Of smaller ones there are means for eight alphas from 0.3 to 1, of which the next counts.
+            if (alpha - 0.3 * 255.0 / 128.0).abs() > if side == 4 { 0.04 } else { 0.09 } {
+                assert!(
+                    (opacity - if alpha > 0.6 { 1.0 } else { 0.0 }).abs() < 1e-6,
+                    "{side}: {opacity} at {alpha}"
+                );
+            }
+        }
+        // With one alpha for all there is one mask.
+        for (alpha, is_there) in [(0.59, false), (0.61, true)] {
+            let colors = vec![Vec4::ONE.with_w(alpha); mesh.primitives[0].positions.len()];
+            mesh.primitives[0].colors = Some(colors);
+            let opacities = surface(&surfels(&mesh, 200)).opacities.unwrap_or_else(|| vec![1.0]);
+            assert!(opacities.iter().all(|opacity| *opacity == f32::from(is_there)), "{side}: {alpha}");
+        }
+    }
+}
+
+/// Of two texels as wide as 50 surfels each surfel has one of the colours; smaller texels are averaged.
+#[test]
+fn nearest_texels_are_squares_of_one_colour() {
+    let of = |size: [usize; 2], count: usize| {
+        let board = texture(size, Wrap::Clamp, |x, y| grey(if (x + y).is_multiple_of(2) { 255 } else { 0 }));
+        let board = board.map(|board| Arc::new(Texture { filter: Filter::Nearest, ..(*board).clone() }));
+        surfels(&square(BaseColor { factor: Vec4::ONE, texture: board }), count)
+    };
+    let coarse = of([2, 1], 10_000);
+    for (center, color) in centers(&coarse).iter().zip(&coarse.splats().colors) {
+        if center.x.abs() > 0.04 {
+            assert!(
+                (color[0] - if center.x < 0.0 { 1.0 } else { 0.0 }).abs() < 1e-6,
+                "{color:?} at {center}"
+            );
+        }
+    }
+    let fine = of([256, 256], 1000);
+    assert!(fine.splats().colors.iter().all(|color| (color[0] - 0.5).abs() < 1e-4));
+}
+
+#[test]
+fn what_is_unlit_shows_its_colours() {
+    let mut mesh = square(BaseColor::default());
+    assert_eq!(surfels(&mesh, 10).material(), Material::default());
+    mesh.primitives[0].unlit = true;
+    assert_eq!(surfels(&mesh, 10).material(), Material::UNLIT);
+    mesh.primitives.push(primitives::plane(1));
+    assert_eq!(surfels(&mesh, 10).material(), Material::default());
 }
 
 /// A white wall with a red sheet before or behind it that nothing is left of, or that a third shows of, nearer than surfels are wide.

@@ -5,7 +5,8 @@ mod support;
 use glam::{DAffine3, DVec3, Vec2, Vec3, Vec4, dvec3};
 use oblate_engine::{Camera, Closed, Cloud, Intrinsics, Pose, Projection};
 use oblate_surfels::{
-    Density, Mesh, Primitive, SampleError, SamplerSettings, Texture, Wrap, primitives, sample, view_spacing,
+    Density, Filter, Mesh, Primitive, SampleError, SamplerSettings, Texture, Wrap, primitives, sample,
+    view_spacing,
 };
 use proptest::prelude::*;
 use std::f64::consts::PI;
@@ -296,7 +297,7 @@ fn wrong_meshes_are_refused() {
     assert_eq!(refused(&|p| p.tex_coords = Some(vec![Vec2::ONE; 3])), length("texture coordinates"));
     let texture = |width, height| {
         let texels = vec![[0; 4]; 6];
-        Some(Arc::new(Texture { width, height, texels, wrap: [Wrap::Clamp; 2] }))
+        Some(Arc::new(Texture { width, height, texels, wrap: [Wrap::Clamp; 2], filter: Filter::Linear }))
     };
     for (width, height) in [(2, 2), (usize::MAX, 2), (0, 6)] {
         let expected = SampleError::Texture { primitive: 1, width, height, found: 6 };

@@ -226,3 +226,43 @@ fn info_tells_meshes_and_volumes() {
     let message = place.refusal(&["info", "ball_16x16x16_uint8.raw", "--dims", "16x16x17"]);
     assert!(message.contains("4096") && message.contains("4352"), "{message}");
 }
+
+#[test]
+fn what_is_read_is_not_written_over() {
+    let place = Workplace::new();
+    place.cube();
+    place.ball();
+    place.write("a.tf", "transfer 1\nstrength extinction\ncolor srgb\n0 0 0 0 0\n200 1 1 1 0.2\n");
+    let picture = |name: &str| image::GrayImage::new(4, 4).save(place.path(name)).unwrap();
+    std::fs::create_dir(place.path("slices")).unwrap();
+    for name in ["red.png", "b.png", "slices/1.png", "slices/2.png"] {
+        picture(name);
+    }
+    place.write("a.toml", "version = 1\n[[mesh]]\npath = 'cube.obj'\ntexture = 'red.png'\n");
+    place.run(&["convert", "ball_16x16x16_uint8.raw", "ball.nrrd", "-q"]);
+    place.run(&["extract", "ball.nrrd", "--iso", "75", "-o", "ball.ply", "-q"]);
+    let contents = || {
+        let files = place.files().into_iter().filter(|name| name != "slices");
+        files.map(|name| std::fs::read(place.path(&name)).unwrap()).collect::<Vec<_>>()
+    };
+    let before = contents();
+    for (args, read) in [
+        (&["render", "cube.obj", "--texture", "red.png", "-o", "./red.png"][..], "red.png"),
+        (&["render", "a.toml", "-o", "red.png"], "red.png"),
+        (&["render", "a.toml", "--stats", "a.toml"], "a.toml"),
+        (&["render", "a.toml", "--stats", "cube.obj"], "cube.obj"),
+        (&["render", "ball.nrrd", "--transfer", "a.tf", "--stats", "a.tf"], "a.tf"),
+        (&["render", "ball.nrrd", "--color-by", "slices", "--stats", "slices/1.png"], "slices"),
+        (&["render", "slices", "-o", "slices/2.png"], "slices"),
+        (&["convert", "ball.ply", "ball.ply"], "ball.ply"),
+        (&["extract", "ball.nrrd", "--iso", "75", "-o", "a.ply", "--stats", "ball.nrrd"], "ball.nrrd"),
+        (&["compare", "red.png", "b.png", "--diff", "b.png"], "b.png"),
+    ] {
+        let said = place.refusal(args);
+        assert!(said.contains(&format!("would overwrite what is read as {read}")), "{args:?}: {said}");
+    }
+    assert!(before == contents());
+    // Beside slices there may be others.
+    place.run(&["render", "slices", "-o", "slices/seen.exr", "-q"]);
+    place.run(&["render", "slices", "-o", "slices/seen.exr", "-q"]);
+}

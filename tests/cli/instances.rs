@@ -148,3 +148,34 @@ fn instances_are_kept_once_and_framed_together() {
     let message = place.refusal(&["render", "many.toml", "--size", "8x8"]);
     assert!(message.contains("65536 instances; at most 65535"), "{message}");
 }
+
+/// Whatever is drawn, in one place or in several.
+#[test]
+fn planes_that_miss_change_nothing() {
+    let place = Workplace::new();
+    place.ball();
+    place.cube();
+    place.write("a.ply", SPLATS);
+    let point = |i: usize| format!("{} {} {}\n", i % 12, i / 12, (i * i) % 5);
+    place.write("a.xyz", (0..144).map(point).collect::<String>());
+    for table in [
+        "[[mesh]]\npath = 'cube.obj'\n",
+        "[[splats]]\npath = 'a.ply'\n",
+        "[[points]]\npath = 'a.xyz'\n",
+        "[[volume]]\npath = 'ball_16x16x16_uint8.raw'\niso = [150]\ntransfer = 'amber'\n",
+    ] {
+        let draw = |scene: &str, clip: &[&str]| {
+            place.write("a.toml", format!("version = 1\n{table}{scene}"));
+            let args = ["render", "a.toml", "-o", "a.png", "--size", "64x48", "--stats", "-", "-q"];
+            let [out, _] = place.run(&[&args[..], clip].concat());
+            let splats = stats(&out)["splats"].as_u64().unwrap();
+            (splats, std::fs::read(place.path("a.png")).unwrap())
+        };
+        for places in ["", "instances = [{}, { translate = [20, 0, 3], rotate = [20, 50, 0] }]\n"] {
+            let whole = draw(places, &[]);
+            let around = draw(places, &["--clip-box=-99,-99,-99,99,99,99", "--clip-plane=-1,0,0.5,-120"]);
+            assert!(whole == around, "{table}{places}: {} splats and {}", whole.0, around.0);
+            assert!(whole != draw(places, &["--clip-plane=1,0,0,0.25"]), "{table}{places}");
+        }
+    }
+}

@@ -125,7 +125,9 @@ fn two_photographs_show_more_than_one() {
 #[test]
 fn a_sequence_is_an_animation_and_its_frames() {
     let place = room();
-    place.run(&with(&["--sequence", "log.txt", "--frames", "3", "-o", "way.png", "-q"]));
+    let [_, said] = place.run(&with(&["--sequence", "log.txt", "--frames", "3", "-o", "way.png"]));
+    assert!(said.contains("wrote way.png, 64×48, 3 frames, way-0000.png to way-0002.png"), "{said}");
+    assert!(!said.contains("earlier"), "{said}");
     let files = place.files();
     for name in ["way.png", "way-0000.png", "way-0001.png", "way-0002.png"] {
         assert!(files.iter().any(|file| file == name), "{files:?}");
@@ -140,6 +142,26 @@ fn a_sequence_is_an_animation_and_its_frames() {
     // One and a half columns are free, of which the border takes less than one.
     let [inside, outside] = [61, 63].map(|x| pixel(&half, x, 20)[3]);
     assert!(inside == 255 && outside < 64, "{inside} {outside}");
+}
+
+/// Frames that a shorter sequence doesn't write over are told, and left.
+#[test]
+fn frames_of_earlier_sequences_are_told() {
+    let place = room();
+    for (count, told) in
+        [("4", None), ("3", Some("way-0003.png is of")), ("1", Some("way-0001.png to way-0003.png are of"))]
+    {
+        let [_, said] = place.run(&with(&["--sequence", "log.txt", "--frames", count, "-o", "way.png"]));
+        assert!(told.map_or(!said.contains("earlier"), |told| said.contains(told)), "{said}");
+    }
+    assert!(place.files().contains(&"way-0003.png".into()));
+    // Nor is a frame written over what is read.
+    image::RgbImage::new(64, 48).save(place.path("photo-0001.png")).unwrap();
+    let args = ["warp", "photo-0001.png", "depth.pgm"];
+    let said = place.refusal(&[&args, &WALL[3..], &["--sequence", "log.txt", "-o", "photo.png"]].concat());
+    assert!(said.contains("would overwrite what is read as photo-0001.png"), "{said}");
+    let said = place.refusal(&with(&["--to", "log.txt:1", "--stats", "log.txt"]));
+    assert!(said.contains("would overwrite what is read as log.txt"), "{said}");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
 use oblate_engine::{
     Blend, Camera, CameraError, Cloud, Material, Pose, RenderSettings, Scene, Shapes, Splats, Strength,
 };
-use oblate_surfels::{BaseColor, Density, Mesh, SamplerSettings, Texture, Wrap, primitives, sample};
+use oblate_surfels::{BaseColor, Density, Filter, Mesh, SamplerSettings, Texture, Wrap, primitives, sample};
 use oblate_volumes::{
     IsoSettings, KernelSettings, TransferFunction, Volume, Voxels, iso_surfels, marschner_lobb, shepp_logan,
     to_kernels,
@@ -139,7 +139,13 @@ fn knot(spacing: f64, size: f64) -> Result<Cloud, SubjectError> {
         0 => [0xf2, 0xb1, 0x34, 0xff],
         _ => [0x60, 0x3a, 0x8a, 0xff],
     });
-    let texture = Texture { width: SIDE, height: SIDE, texels: texels.collect(), wrap: [Wrap::Repeat; 2] };
+    let texture = Texture {
+        width: SIDE,
+        height: SIDE,
+        texels: texels.collect(),
+        wrap: [Wrap::Repeat; 2],
+        filter: Filter::Linear,
+    };
     let mut knot = primitives::torus_knot(2, 3, 0.17, [480, 48]);
     knot.material = BaseColor { texture: Some(Arc::new(texture)), ..BaseColor::default() };
     let cloud =

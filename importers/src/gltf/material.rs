@@ -6,11 +6,11 @@ use crate::meshes::texture;
 use crate::{ImportError, Place};
 use ::gltf::json::extensions::texture::TextureTransform;
 use ::gltf::json::material::AlphaMode;
-use ::gltf::json::texture::{Info, WrappingMode};
+use ::gltf::json::texture::{Info, MagFilter, WrappingMode};
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{Image, Index, Material, Root, Texture as JsonTexture};
 use glam::{Mat2, Vec2, Vec4};
-use oblate_surfels::{BaseColor, Texture, Wrap};
+use oblate_surfels::{BaseColor, Filter, Texture, Wrap};
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
@@ -24,6 +24,7 @@ pub(crate) struct Look {
     pub(crate) opaque: bool,
     /// See [`Primitive`](oblate_surfels::Primitive), as of the next one.
     pub(crate) alpha_cutoff: Option<f32>,
+    pub(crate) unlit: bool,
     pub(crate) double_sided: bool,
 }
 
@@ -77,17 +78,20 @@ impl<'a> Materials<'a> {
                 tex_coords: None,
                 opaque: true,
                 alpha_cutoff: None,
+                unlit: false,
                 double_sided: false,
             });
         };
         let place = || Place::Part(format!("material {}", index.value()));
         let missing = || self.file.malformed(place(), "is named, but not there");
         let material = self.root.get(index).ok_or_else(missing)?;
+        let extensions = material.extensions.as_ref();
+        let unlit = extensions.is_some_and(|e| e.others.contains_key("KHR_materials_unlit"));
         // What a texture of it says is multiplied by this.
-        if material.emissive_factor.0 != [0.0; 3] {
+        if !unlit && material.emissive_factor.0 != [0.0; 3] {
             self.emissive.insert(index.value());
         }
-        let glossiness = material.extensions.as_ref().and_then(|e| e.pbr_specular_glossiness.as_ref());
+        let glossiness = extensions.and_then(|e| e.pbr_specular_glossiness.as_ref());
         let metallic = &material.pbr_metallic_roughness;
         let (factor, info) = match glossiness {
             Some(glossiness) => (glossiness.diffuse_factor.0, &glossiness.diffuse_texture),
@@ -118,7 +122,7 @@ impl<'a> Materials<'a> {
             None => None,
         };
         let color = BaseColor { factor, texture };
-        Ok(Look { color, tex_coords, opaque, alpha_cutoff, double_sided: material.double_sided })
+        Ok(Look { color, tex_coords, opaque, alpha_cutoff, unlit, double_sided: material.double_sided })
     }
 
     fn texture(
@@ -133,11 +137,11 @@ impl<'a> Materials<'a> {
         let place = || Place::Part(format!("texture {}", index.value()));
         let malformed = |problem: &str| self.file.malformed(place(), problem.to_owned());
         let texture = self.root.get(index).ok_or_else(|| malformed("is named, but not there"))?;
-        let wrap = match texture.sampler {
-            None => [Wrap::Repeat; 2],
+        let (wrap, filter) = match texture.sampler {
+            None => ([Wrap::Repeat; 2], Filter::Linear),
             Some(sampler) => {
                 let sampler = self.root.get(sampler).ok_or_else(|| malformed("its sampler is not there"))?;
-                [wrap(sampler.wrap_s), wrap(sampler.wrap_t)]
+                ([wrap(sampler.wrap_s), wrap(sampler.wrap_t)], filter(sampler.mag_filter))
             }
         };
         let source = source(texture);
@@ -156,6 +160,7 @@ impl<'a> Materials<'a> {
         };
         let mut texture =
             texture::decode(bytes, wrap).map_err(|problem| self.file.malformed(image_place(), problem))?;
+        texture.filter = filter;
         buffers.budget().take(self.file, image_place, (texture.texels.len(), size_of::<[u8; 4]>()))?;
         if opaque {
             texture.texels.iter_mut().for_each(|texel| texel[3] = 255);
@@ -195,5 +200,12 @@ fn wrap(mode: Checked<WrappingMode>) -> Wrap {
         Checked::Valid(WrappingMode::ClampToEdge) => Wrap::Clamp,
         Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::Mirror,
         Checked::Valid(WrappingMode::Repeat) | Checked::Invalid => Wrap::Repeat,
+    }
+}
+
+fn filter(magnified: Option<Checked<MagFilter>>) -> Filter {
+    match magnified {
+        Some(Checked::Valid(MagFilter::Nearest)) => Filter::Nearest,
+        _ => Filter::Linear,
     }
 }

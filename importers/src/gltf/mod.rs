@@ -1,14 +1,14 @@
 //! glTF 2.0 and GLB: the triangles of a scene, or its trained splats.
 //!
 //! Source: Khronos, *glTF 2.0 Specification*, 2021 (ISO/IEC 12113:2022); extensions KHR_mesh_quantization,
-//! KHR_texture_transform, KHR_materials_pbrSpecularGlossiness (its diffuse colour), EXT_texture_webp, EXT_meshopt_compression
+//! KHR_texture_transform, KHR_materials_pbrSpecularGlossiness (its diffuse colour), KHR_materials_unlit, EXT_texture_webp, EXT_meshopt_compression
 //! and KHR_meshopt_compression (with the cargo feature `meshopt`), KHR_gaussian_splatting (release candidate of 2026).
 //! glTF's world is oblate's. The default scene is read, else all nodes.
 //!
 //! Meshes: each use of a mesh by a node is a primitive with the node's transform. Points and lines are left out; skins and
 //! morph weights are refused, as are required extensions that could change shape or base colour. Vertex colours are
-//! linear; alpha counts as the material's `alphaMode` says: `OPAQUE` makes it 1, `MASK` makes it 0 or 1 texel by texel
-//! (vertex colours have to pass the cut-off too, by themselves). `doubleSided` counts where a mesh is not opaque (glTF 2.0,
+//! linear; alpha counts as the material's `alphaMode` says: `OPAQUE` makes it 1, `MASK` makes it 0 or 1 texel by texel,
+//! by the product with factor and vertex colour. Materials that are all KHR_materials_unlit show their colours as they are. `doubleSided` counts where a mesh is not opaque (glTF 2.0,
 //! 3.9.5, drops the backs of opaque ones too, but scans are looked at from behind).
 //!
 //! Splats: the primitives of points that have KHR_gaussian_splatting, all of the scene as one, in the world: centres,
@@ -59,7 +59,7 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportE
     let placed = nodes::placed_meshes(file, &root)?;
     let accessors = Accessors { file, root: &root, buffers: &buffers };
     if let Some(mut opened) = splats::read(&accessors, json, &placed)? {
-        opened.notes.extend(support::left_out(&root, (0, 0)));
+        opened.notes.extend(support::left_out(&root, (0, 0, 0)));
         return Ok(opened);
     }
     let mut reader = Reader { accessors, materials: &mut Materials::new(file, &root), skipped: 0 };
@@ -67,9 +67,12 @@ pub(crate) fn read(file: &File, options: &OpenOptions) -> Result<Opened, ImportE
     for (mesh, node_to_mesh) in placed {
         primitives.extend(reader.mesh(mesh, node_to_mesh)?);
     }
-    let left_out = (reader.skipped, reader.materials.emissive.len());
-    let notes: Vec<Note> = support::left_out(&root, left_out);
-    Ok(Opened::noting(Content::Mesh(mesh(file, primitives)?), notes))
+    let (skipped, emissive) = (reader.skipped, reader.materials.emissive.len());
+    let mesh = mesh(file, primitives)?;
+    let unlit = mesh.primitives.iter().filter(|primitive| primitive.unlit).count();
+    let shaded = if unlit < mesh.primitives.len() { unlit } else { 0 };
+    let notes: Vec<Note> = support::left_out(&root, (skipped, emissive, shaded));
+    Ok(Opened::noting(Content::Mesh(mesh), notes))
 }
 
 /// Refuses versions other than 2, and files that need a later one than 2.0 by their `minVersion`.

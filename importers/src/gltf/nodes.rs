@@ -42,8 +42,13 @@ pub(super) fn placed_meshes(file: &File, root: &Root) -> Result<Vec<(Index<Mesh>
                 let feature = "has a skin, which is not supported; export the posed mesh";
                 return Err(file.unsupported(Place::Part(name()), feature));
             }
-            if node.weights.iter().flatten().any(|&weight| weight != 0.0) {
-                return Err(file.unsupported(Place::Part(name()), super::MORPHED));
+            // A node's weights take the place of its mesh's.
+            let of_mesh = || Some((format!("mesh {}", mesh.value()), root.get(mesh)?.weights.as_ref()?));
+            let weights = node.weights.as_ref().map(|weights| (name(), weights)).or_else(of_mesh);
+            if let Some((place, weights)) = weights
+                && weights.iter().any(|&weight| weight != 0.0)
+            {
+                return Err(file.unsupported(Place::Part(place), super::MORPHED));
             }
             placed.push((mesh, node_to_world));
         }

@@ -30,9 +30,6 @@ impl Reader<'_, '_> {
         let Some(mesh) = self.accessors.root.get(index) else {
             return Err(self.accessors.file.malformed(Place::Part(name), "is named, but not there"));
         };
-        if mesh.weights.iter().flatten().any(|&weight| weight != 0.0) {
-            return Err(self.accessors.file.unsupported(Place::Part(name), super::MORPHED));
-        }
         let mut primitives = Vec::new();
         for (i, primitive) in mesh.primitives.iter().enumerate() {
             let name = format!("{name}, primitive {i}");
@@ -94,6 +91,7 @@ impl Reader<'_, '_> {
             colors,
             material: look.color,
             alpha_cutoff: look.alpha_cutoff,
+            unlit: look.unlit,
             double_sided: look.double_sided,
             primitive_to_mesh,
         })

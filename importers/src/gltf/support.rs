@@ -42,9 +42,13 @@ pub(super) fn check_required(file: &File, root: &Root) -> Result<(), ImportError
     Err(file.unsupported(Place::Part("extensionsRequired".into()), feature))
 }
 
+/// Extensions of materials that are read, or that change no material by themselves.
+const MATERIALS: [&str; 3] =
+    ["KHR_materials_pbrSpecularGlossiness", "KHR_materials_unlit", "KHR_materials_variants"];
+
 /// What the file holds and a picture of it doesn't show; `skipped` primitives were no triangles, `emissive` materials of what is shown
-/// emit light.
-pub(super) fn left_out(root: &Root, (skipped, emissive): (usize, usize)) -> Vec<Note> {
+/// emit light, `shaded` primitives should not be.
+pub(super) fn left_out(root: &Root, (skipped, emissive, shaded): (usize, usize, usize)) -> Vec<Note> {
     let uses = |name: &str| root.extensions_used.iter().any(|used| used == name);
     let instanced = root.nodes.iter().filter(|node| {
         let extensions = node.extensions.as_ref();
@@ -60,10 +64,17 @@ pub(super) fn left_out(root: &Root, (skipped, emissive): (usize, usize)) -> Vec<
         several(root.cameras.len(), "camera", "cameras"),
         uses("KHR_lights_punctual").then(|| "lights".to_owned()),
         several(emissive, "material", "materials").map(|materials| format!("the emission of {materials}")),
+        several(shaded, "primitive", "primitives")
+            .map(|primitives| format!("KHR_materials_unlit of {primitives}, shaded as the others are")),
         several(skipped, "primitive of points or lines", "primitives of points or lines"),
         several(instanced.count(), "mesh", "meshes")
             .map(|meshes| format!("instances of {meshes} (EXT_mesh_gpu_instancing), shown once")),
     ];
-    let text: Vec<String> = parts.into_iter().flatten().collect();
+    let required = root
+        .extensions_required
+        .iter()
+        .filter(|name| name.starts_with("KHR_materials_") && !MATERIALS.contains(&name.as_str()));
+    let required = required.map(|name| format!("{name}, which it requires"));
+    let text: Vec<String> = parts.into_iter().flatten().chain(required).collect();
     if text.is_empty() { Vec::new() } else { vec![Note::LeftOut(text.join(", "))] }
 }

@@ -233,6 +233,7 @@ impl<'a> Reader<'a> {
                 colors: corners.map(|c| colors.get(c.0).copied()).collect(),
                 material: group.material,
                 alpha_cutoff: None,
+                unlit: false,
                 double_sided: true,
                 primitive_to_mesh,
             }

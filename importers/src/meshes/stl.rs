@@ -181,6 +181,7 @@ impl Facets {
             colors: None,
             material: BaseColor::UNSPECIFIED,
             alpha_cutoff: None,
+            unlit: false,
             double_sided: true,
             primitive_to_mesh: DAffine3::IDENTITY,
         })

@@ -3,7 +3,7 @@
 use crate::decoder;
 use crate::file::File;
 use crate::{ImportError, Place};
-use oblate_surfels::{Texture, Wrap};
+use oblate_surfels::{Filter, Texture, Wrap};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -25,7 +25,7 @@ pub(crate) fn decode(bytes: &[u8], wrap: [Wrap; 2]) -> Result<Texture, String> {
         return Err("the image has no texels".into());
     }
     let texels = image.as_raw().as_chunks::<4>().0.to_vec();
-    Ok(Texture { width, height, texels, wrap })
+    Ok(Texture { width, height, texels, wrap, filter: Filter::Linear })
 }
 
 /// The image that `file` names at `place`.

@@ -60,6 +60,7 @@ pub(super) fn read(file: &File, header: &Header, options: &OpenOptions) -> Resul
         colors: vertices.colors,
         material,
         alpha_cutoff: None,
+        unlit: false,
         double_sided: true,
         primitive_to_mesh: vertices.to_mesh,
     };

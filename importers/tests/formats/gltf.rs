@@ -1,7 +1,7 @@
 use crate::common::{Folder, TEXELS, base64, png, refused};
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use oblate_importers::{Note, OpenOptions};
-use oblate_surfels::{Texture, Wrap};
+use oblate_surfels::{Filter, Texture, Wrap};
 
 /// Bytes of numbers.
 macro_rules! le {
@@ -97,8 +97,13 @@ fn everything_on_a_square() {
     // Vertex colours are linear.
     assert_eq!(primitive.colors.unwrap()[0], Vec4::new(1.0, 0.0, 0.2, 0.0));
     assert_eq!(primitive.material.factor, Vec4::new(0.5, 1.0, 1.0, 0.25));
-    let expected =
-        Texture { width: 2, height: 2, texels: TEXELS.to_vec(), wrap: [Wrap::Clamp, Wrap::Mirror] };
+    let expected = Texture {
+        width: 2,
+        height: 2,
+        texels: TEXELS.to_vec(),
+        wrap: [Wrap::Clamp, Wrap::Mirror],
+        filter: Filter::Linear,
+    };
     assert_eq!(*primitive.material.texture.unwrap(), expected);
     // Scaled, a quarter turn around z, moved: x becomes 2 y, y becomes -3 x.
     let to_mesh = primitive.primitive_to_mesh;
@@ -321,6 +326,29 @@ fn quantized_attributes() {
 }
 
 #[test]
+fn nearest_samplers_and_unlit_materials() {
+    let folder = Folder::new();
+    let filter = |said: &str| {
+        let sampler = format!("{{{said}\"wrapS\"");
+        folder.primitive("a.glb", changed(&[("{\"wrapS\"", &sampler)])).material.texture.unwrap().filter
+    };
+    assert_eq!(filter("\"magFilter\": 9728, "), Filter::Nearest);
+    assert_eq!(filter("\"magFilter\": 9729, \"minFilter\": 9728, "), Filter::Linear);
+
+    let unlit = "\"extensions\": {\"KHR_materials_unlit\": {}}, \"emissiveFactor\": [1, 1, 1], \"alphaMode\"";
+    let points = ", {\"attributes\": {\"POSITION\": 0}, \"mode\": 0}";
+    let all = folder.open("a.glb", changed(&[("\"alphaMode\"", unlit), (points, "")])).unwrap();
+    assert_eq!(all.notes, []);
+    assert!(folder.primitive("a.glb", changed(&[("\"alphaMode\"", unlit)])).unlit);
+    assert!(!folder.primitive("a.glb", example_glb()).unlit);
+    // One beside another that is not.
+    let shaded = ", {\"attributes\": {\"POSITION\": 0}, \"indices\": 1}";
+    let some = folder.open("a.glb", changed(&[("\"alphaMode\"", unlit), (points, shaded)])).unwrap();
+    let text = "KHR_materials_unlit of 1 primitive, shaded as the others are";
+    assert_eq!(some.notes, [Note::LeftOut(text.into())]);
+}
+
+#[test]
 fn what_is_not_shown_is_noted_once() {
     let folder = Folder::new();
     let notes = |pairs: &[(&str, &str)]| folder.open("a.glb", changed(pairs)).unwrap().notes;
@@ -331,6 +359,11 @@ fn what_is_not_shown_is_noted_once() {
     assert_eq!(
         notes(&[("\"alphaMode\"", &emissive("[0, 0.5, 0]"))]),
         [Note::LeftOut("the emission of 1 material, 1 primitive of points or lines".into())]
+    );
+    let required = "\"extensionsRequired\": [\"KHR_materials_ior\", \"KHR_materials_variants\"], \"asset\"";
+    assert_eq!(
+        notes(&[("\"asset\"", required)]),
+        [Note::LeftOut("1 primitive of points or lines, KHR_materials_ior, which it requires".into())]
     );
     // Of materials that nothing has nothing is said.
     let emission = emissive("[0, 0.5, 0]");
@@ -461,6 +494,12 @@ fn what_is_wrong_is_said() {
     refuse("\"mesh\": 0, \"rot", "\"skin\": 0, \"mesh\": 0, \"rot", &["node 1", "skin"]);
     refuse("\"mesh\": 0, \"rot", "\"weights\": [1], \"mesh\": 0, \"rot", &["node 1", "morph"]);
     refuse("\"primitives\"", "\"weights\": [1], \"primitives\"", &["mesh 0", "morph"]);
+    // A node's weights take the place of its mesh's.
+    let at_rest = [
+        ("\"primitives\"", "\"weights\": [1], \"primitives\""),
+        ("\"mesh\": 0, \"rot", "\"weights\": [0], \"mesh\": 0, \"rot"),
+    ];
+    assert_eq!(folder.mesh("a.glb", changed(&at_rest)), folder.mesh("a.glb", example_glb()));
     refuse("\"POSITION\": 0, \"N", "\"POSITION\": 9, \"N", &["accessor 9"]);
     refuse("\"POSITION\": 0, \"N", "\"N", &["primitive 0", "POSITION"]);
     refuse("\"POSITION\": 0, \"N", "\"POSITION\": 1, \"N", &["accessor 1", "Scalar"]);

@@ -8,17 +8,15 @@ use rayon::prelude::*;
 /// Shares of the values that are below and above what colours tell apart: strays, like birds and mirrors.
 const STRAYS: f64 = 0.01;
 
-/// *viridis* at even steps, display-encoded (Smith, van der Walt, 2015; released to the public domain).
-const VIRIDIS: [[u8; 3]; 9] = [
-    [68, 1, 84],
-    [71, 44, 122],
-    [59, 81, 139],
-    [44, 113, 142],
-    [33, 144, 141],
-    [39, 173, 129],
-    [92, 200, 99],
-    [170, 220, 50],
-    [253, 231, 37],
+/// *viridis* at even steps, display-encoded: every fifth of its 256 colours (Smith, van der Walt, 2015; released to the public
+/// domain), from which interpolated ones are 0.004 away at most.
+const VIRIDIS: [u32; 52] = [
+    0x440154, 0x46085c, 0x471063, 0x481769, 0x481d6f, 0x482475, 0x472a7a, 0x46307e, 0x453781, 0x433d84,
+    0x414287, 0x3f4889, 0x3d4e8a, 0x3a538b, 0x38598c, 0x355e8d, 0x33638d, 0x31688e, 0x2e6d8e, 0x2c718e,
+    0x2a768e, 0x297b8e, 0x27808e, 0x25848e, 0x23898e, 0x218e8d, 0x20928c, 0x1f978b, 0x1e9c89, 0x1fa188,
+    0x21a585, 0x24aa83, 0x28ae80, 0x2eb37c, 0x35b779, 0x3dbc74, 0x46c06f, 0x50c46a, 0x5ac864, 0x65cb5e,
+    0x70cf57, 0x7cd250, 0x89d548, 0x95d840, 0xa2da37, 0xb0dd2f, 0xbddf26, 0xcae11f, 0xd8e219, 0xe5e419,
+    0xf1e51d, 0xfde725,
 ];
 
 /// The intensities or heights that points are coloured by, and which of both they are; none where they have colours.
@@ -94,7 +92,11 @@ fn mapped(values: &[f64], [low, high]: [f64; 2], encoded: impl Fn(f32) -> [f32; 
 fn viridis(share: f32) -> [f32; 3] {
     let place = share * (VIRIDIS.len() - 1) as f32;
     let before = (place as usize).min(VIRIDIS.len() - 2);
-    let [a, b] = [VIRIDIS[before], VIRIDIS[before + 1]].map(|color| Vec3::from(color.map(f32::from)));
+    let color = |number: usize| {
+        let [_, rgb @ ..] = VIRIDIS[number].to_be_bytes();
+        Vec3::from(rgb.map(f32::from))
+    };
+    let [a, b] = [before, before + 1].map(color);
     (a.lerp(b, place - before as f32) / 255.0).to_array()
 }
 
@@ -126,13 +128,31 @@ mod tests {
     #[test]
     fn heights_go_through_viridis() {
         let found = colors(&points(), &by(PointColor::Height)).unwrap();
-        let expected = |color: [u8; 3]| color.map(|c| srgb_to_linear(f32::from(c) / 255.0));
+        let middle = viridis(0.5).map(srgb_to_linear);
         let near = |a: [f32; 3], b: [f32; 3]| Vec3::from(a).abs_diff_eq(Vec3::from(b), 1e-4);
-        assert!(near(found[0], expected(VIRIDIS[0])) && near(found[100], expected(VIRIDIS[8])));
-        assert!(near(found[50], expected(VIRIDIS[4])), "{:?}", found[50]);
+        assert!(near(found[0], viridis(0.0).map(srgb_to_linear)));
+        assert!(near(found[100], viridis(1.0).map(srgb_to_linear)));
+        assert!(near(found[50], middle), "{:?}", found[50]);
         // No height differs from the others along x.
         let flat = PointSettings { up: Vec3::X, ..by(PointColor::Height) };
-        assert!(near(colors(&points(), &flat).unwrap()[0], expected(VIRIDIS[4])));
+        assert!(near(colors(&points(), &flat).unwrap()[0], middle));
+    }
+
+    #[test]
+    fn viridis_is_as_published() {
+        // Of 256 colours.
+        for (number, published) in [
+            (0, [0.267_004, 0.004_874, 0.329_415]),
+            (32, [0.278_826, 0.175_49, 0.483_397]),
+            (64, [0.229_739, 0.322_361, 0.545_706]),
+            (127, [0.128_729, 0.563_265, 0.551_229]),
+            (160, [0.157_851, 0.683_765, 0.501_686]),
+            (242, [0.866_013, 0.889_868, 0.095_953]),
+            (255, [0.993_248, 0.906_157, 0.143_936]),
+        ] {
+            let found = viridis(number as f32 / 255.0);
+            assert!(Vec3::from(found).abs_diff_eq(Vec3::from(published), 0.004), "{number}: {found:?}");
+        }
     }
 
     #[test]
