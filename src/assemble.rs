@@ -23,6 +23,10 @@ use rayon::prelude::*;
 const MOST_SURFELS: f64 = 4e6;
 const MOST_SURFELS_A_PIXEL: f64 = 16.0;
 
+/// Pixels that count where the picture has fewer. A wall that comes near the eye takes up to 50,000 surfels in each octave of depths,
+/// however few pixels there are: fewer would be too wide for their depths.
+const LEAST_PIXELS: f64 = 65_536.0;
+
 /// Surfels of a mesh that may be asked for: about 8 GiB.
 const MOST_ASKED: usize = 100_000_000;
 
@@ -130,7 +134,7 @@ pub(crate) fn assemble(
     let view = framed(camera, (&standing, &meshes), up, drawing.size)?;
     let camera = view.camera(drawing.size)?;
     let [width, height] = drawing.size.map(f64::from);
-    let most = MOST_SURFELS.min(MOST_SURFELS_A_PIXEL * width * height);
+    let most = MOST_SURFELS.min(MOST_SURFELS_A_PIXEL * (width * height).max(LEAST_PIXELS));
     let sampled: Vec<_> = meshes.into_iter().map(|mesh| mesh.at_the_nearest(&camera)).collect();
     // Those that want less than others leave them what there is; one alone may have all.
     let wanted: Vec<f64> = match &sampled[..] {

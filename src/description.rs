@@ -412,7 +412,7 @@ pub(crate) struct Look {
     #[arg(long, value_name = "X,Y,Z,D", allow_hyphen_values = true, value_parser = notation::plane)]
     pub(crate) clip_plane: Option<Vec<Plane>>,
     /// Meshes: number of surfels on each mesh [default: one a pixel of the view where it is nearest, for all
-    /// meshes together at most 16 for each pixel of the picture and at most 4 million]
+    /// meshes together at most 16 for each pixel of the picture (at least of 256×256) and at most 4 million]
     #[arg(long, value_name = "N", conflicts_with = "surfel_spacing")]
     pub(crate) surfels: Option<usize>,
     /// Meshes: distance between surfels in world units, instead of their number

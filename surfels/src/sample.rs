@@ -9,6 +9,7 @@ use crate::measure::Extent;
 use crate::mesh::Mesh;
 use crate::share::Surfel;
 use crate::sight::{Sight, nearest_depth};
+use crate::view::spacing_at;
 use glam::{DAffine3, DVec3};
 use oblate_engine::cloud::{Material, Shapes, Splats, Strength, Surface};
 use oblate_engine::{Camera, Closed, Cloud, Projection};
@@ -114,7 +115,7 @@ pub fn sample(mesh: &Mesh, density: Density, settings: &SamplerSettings) -> Resu
 /// Spreads surfels over what a camera sees of a mesh that stands in the world, one a pixel everywhere.
 ///
 /// As [`sample`], but there is a cloud for each octave of depths, of which surfels are of one size within a factor of two: a half to
-/// one pixel apart, as wide as a pixel. Triangles are left out that the picture doesn't show: those more than 16 pixels beside it and,
+/// one pixel apart, as wide as a pixel; where pixels are wider than an eighth of their depth, as wide as that. Triangles are left out that the picture doesn't show: those more than 16 pixels beside it and,
 /// of an opaque mesh that is [closed](Mesh::is_closed), all that face away from a camera outside of its bounds. Where nothing is seen there is no cloud. In this picture, and
 /// with filters of less than four pixels, it looks as the whole mesh does. Beyond [`SamplerSettings::max_surfels`] all surfels are as
 /// many more pixels apart.
@@ -177,7 +178,7 @@ struct Seen {
 impl Seen {
     /// With surfels as many pixels apart from a depth on; nothing if there is no area to be seen.
     fn new(mesh: &Mesh, drops_backs: bool, camera: &Camera, (nearest, pixels): (f64, f64)) -> Option<Self> {
-        let spacing = pixels * camera.pixel_width_at(nearest);
+        let spacing = pixels * spacing_at(camera, nearest);
         let sight = Sight::new(camera, (nearest, spacing), drops_backs);
         let extent = Extent::of(mesh, Some(&sight)).filter(|extent| extent.area > 0.0)?;
         Some(Self { sight, extent, spacing })

@@ -8,8 +8,14 @@ use oblate_engine::{Camera, Projection};
 /// cannot be known how near the surface is.
 const INSIDE: f64 = 0.1;
 
+/// The widest spacing for a pinhole camera, as a share of the depth.
+///
+/// A surfel of a σ of 0.7 spacings that ends at 3.5 σ then reaches at most 0.31 of its depth towards the eye: well clear of the camera
+/// plane, at which it would be seen all over the picture.
+const WIDEST: f64 = 0.125;
+
 /// The spacing of surfels at which neighbours are one pixel apart where the bounds come nearest to the
-/// camera in its picture: the width of a pixel there, in world units.
+/// camera in its picture: the width of a pixel there, in world units. Pixels wider than an eighth of their depth count as that.
 ///
 /// `bounds` are the smallest and largest corner in the world, as [`crate::Mesh::bounds`] gives them. For a
 /// perspective camera inside the bounds it is the width of a pixel a tenth of the diagonal away; bounds that the picture
@@ -20,7 +26,7 @@ pub fn view_spacing(camera: &Camera, bounds: [DVec3; 2]) -> f64 {
         let frustum = Frustum::new(camera, 0.0, 0.0);
         let depths = faces(bounds).filter_map(|face| frustum.nearest(&frustum.part_ahead(face)));
         let nearest = depths.min_by(f64::total_cmp).filter(|&z| z > 0.0);
-        camera.pixel_width_at(nearest.unwrap_or(least_depth(camera, bounds)))
+        spacing_at(camera, nearest.unwrap_or(least_depth(camera, bounds)))
     })
 }
 
@@ -31,12 +37,21 @@ pub fn shown_spacing(camera: &Camera, bounds: [DVec3; 2]) -> Option<f64> {
     let eye = camera.pose().eye();
     let inside = eye.cmpge(low).all() && eye.cmple(high).all();
     if inside && camera.projection() == Projection::Perspective {
-        return Some(camera.pixel_width_at(least_depth(camera, bounds)));
+        return Some(spacing_at(camera, least_depth(camera, bounds)));
     }
     let frustum = Frustum::new(camera, 0.0, 0.0);
     let depths = faces(bounds).filter_map(|face| frustum.nearest(&frustum.part(face)));
     let nearest = depths.min_by(f64::total_cmp)?;
-    Some(camera.pixel_width_at(if nearest > 0.0 { nearest } else { least_depth(camera, bounds) }))
+    Some(spacing_at(camera, if nearest > 0.0 { nearest } else { least_depth(camera, bounds) }))
+}
+
+/// The width of a pixel at a depth, or of what stands for one that is too wide.
+pub(crate) fn spacing_at(camera: &Camera, depth: f64) -> f64 {
+    let pixel = camera.pixel_width_at(depth);
+    match camera.projection() {
+        Projection::Perspective => pixel.min(WIDEST * depth),
+        Projection::Orthographic => pixel,
+    }
 }
 
 /// The nearest depth that counts for a camera inside the bounds.

@@ -350,6 +350,10 @@ fn the_view_says_how_dense() {
     let pose = look(dvec3(0.0, 0.0, 5.0), DVec3::ZERO);
     let flat = Camera::from_intrinsics(pose, intrinsics, Projection::Orthographic, [100, 100]).unwrap();
     close(view_spacing(&flat, bounds), 1.0 / 200.0);
+    // Pixels as wide as their depth count as an eighth of it.
+    let intrinsics = Intrinsics { focal: glam::DVec2::ONE, ..intrinsics };
+    let wide = Camera::from_intrinsics(pose, intrinsics, Projection::Perspective, [100, 100]).unwrap();
+    close(view_spacing(&wide, bounds), 4.0 / 8.0);
 }
 
 proptest! {

@@ -127,6 +127,24 @@ fn nothing_seen_is_no_cloud() {
     }
 }
 
+#[test]
+fn where_pixels_are_as_wide_as_their_depth_nothing_is_smeared() {
+    let mesh = mesh_of(primitives::sphere(60), DAffine3::IDENTITY);
+    let pose = Pose::look_at(dvec3(0.0, 0.0, 1.5), DVec3::ZERO, DVec3::Y).expect("a pose");
+    // One pixel for a slope of 1; of the sphere the tangent cone has slopes up to 2/√5: an area of 0.8 π.
+    let camera = Camera::perspective(pose, 2.0 * 24_f64.atan(), [48; 2]).expect("a camera");
+    let frame = picture(seen(&mesh, &camera), &camera);
+    let mut sum = 0.0;
+    for (index, color) in frame.color.iter().enumerate() {
+        let [x, y] = [index % 48, index / 48].map(|i| (i as f64 - 23.5).abs());
+        assert!(x.max(y) < 4.0 || color[3] < 1e-3, "{} at {x}, {y}", color[3]);
+        sum += f64::from(color[3]);
+    }
+    // What is a few pixels tall covers a little too much.
+    println!("opacities sum to {sum}");
+    assert!((sum / (0.8 * std::f64::consts::PI) - 1.0).abs() < 0.15, "{sum}");
+}
+
 /// A square of side 2r below an eye, at a distance of 1, that looks along it.
 fn floor(r: f64) -> (Mesh, Camera) {
     let mesh = mesh_of(primitives::plane(30), DAffine3::from_scale(DVec3::splat(r)));

@@ -64,7 +64,7 @@ fn help_lists_every_option_with_its_default() {
         "[default: 1]",
         "[default: 8]",
         "[default: 16G]",
-        "at most 16 for each pixel of the picture and at most 4 million]",
+        "at most 16 for each pixel of the picture (at least of 256×256) and at most 4 million]",
     ] {
         assert!(flat.contains(default), "{default} is missing");
     }

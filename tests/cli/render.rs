@@ -164,14 +164,25 @@ fn statistics_say_where_the_window_was_too_small() {
 fn surfels_by_themselves_are_at_most_16_a_pixel() {
     let place = Workplace::new();
     place.cube();
-    let splats = |size: &str| {
-        let near = ["render", "cube.obj", "--eye", "0,0,1.01", "--stats", "-", "--size", size];
-        let stats: Value = serde_json::from_str(&place.run(&near)[0]).unwrap();
-        stats["splats"].as_u64().unwrap()
-    };
-    // The face is 0.01 away: a pixel there is 0.0005 wide, and the cube has an area of 24.
-    let found = splats("20x10");
-    assert!(found <= 16 * 200 && found > 8 * 200, "{found}");
+    let near = ["render", "cube.obj", "--eye", "0,0,1.01", "--stats", "-", "--size", "20x10"];
+    // What is cut is made as a whole.
+    let args = [&near[..], &["--clip-plane", "0,0,1,-0.99"]].concat();
+    let stats: Value = serde_json::from_str(&place.run(&args)[0]).unwrap();
+    // The face is 0.01 away: a pixel there is 0.0005 wide, and the cube has an area of 24. 256×256 pixels count at least.
+    let found = stats["splats"].as_u64().unwrap();
+    assert!(found <= 16 << 16 && found > 8 << 16, "{found}");
+}
+
+#[test]
+fn small_pictures_close_to_a_wall_show_it_whole() {
+    let place = Workplace::new();
+    place.cube();
+    let args = ["render", "cube.obj", "--size", "24x24", "--background", "00000000", "--fov", "60"];
+    for (eye, target) in [("0.95,0,0", "0.95,0,5"), ("0.9999,0,0", "5,0,5"), ("0.9999,0,0", "0.9999,0,5")] {
+        place.run(&[&args[..], &["--up", "0,1,0", "--eye", eye, "--target", target]].concat());
+        let least = levels(&place.path("oblate.png")).pixels().map(|p| p[3]).min().unwrap();
+        assert!(least >= 253, "{eye}: an alpha of {least}");
+    }
 }
 
 #[test]
