@@ -205,9 +205,10 @@ pub(crate) struct Columns {
     pub(crate) normals: Option<Column<3>>,
     /// Of surfels that stand for others, see `levels::Orientation`. They stay in their order.
     pub(crate) orientations: Option<Column<9>>,
-    /// Of the same how fine what they stand for is, from 0 to 1: the root of the mean σ₁σ₂ of the cloud's own surfels over theirs. Of kernels
-    /// with opacities that no filter dims, 1 or more: the sum of the opacities of the cloud's own that each stands for, over its own opacity.
+    /// Of the same how fine what they stand for is, from 0 to 1: the root of the mean σ₁σ₂ of the cloud's own surfels over theirs.
     pub(crate) grains: Option<Column<1>>,
+    /// Of kernels that stand for others and that no filter dims, the sum of the opacities of the cloud's own that each stands for.
+    pub(crate) opacities_of_own: Option<Column<1>>,
     pub(crate) material: Material,
 }
 
@@ -226,6 +227,7 @@ impl Default for Columns {
             normals: None,
             orientations: None,
             grains: None,
+            opacities_of_own: None,
             material: Material::default(),
         }
     }
@@ -267,6 +269,7 @@ impl Columns {
             normals: splats.normals.map(|normals| Column::new(normals, Vec3::to_array)),
             orientations: None,
             grains: None,
+            opacities_of_own: None,
             material: splats.material,
         }
     }
@@ -322,6 +325,7 @@ impl Columns {
             normals,
             orientations,
             grains,
+            opacities_of_own,
         } = self;
         let factors = match factors {
             Factors::Shared(_) => 0,
@@ -335,7 +339,7 @@ impl Columns {
             + harmonics.as_ref().map_or(0, PackedHarmonics::bytes)
             + normals.as_ref().map_or(0, Column::bytes)
             + orientations.as_ref().map_or(0, Column::bytes)
-            + grains.as_ref().map_or(0, Column::bytes)
+            + [grains, opacities_of_own].into_iter().flatten().map(Column::bytes).sum::<usize>()
     }
 
     pub(crate) fn center(&self, index: usize) -> Vec3 {

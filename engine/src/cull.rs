@@ -76,6 +76,12 @@ impl VisibleRange {
         }
     }
 
+    /// Where rays are parallel, tells depths from a plane.
+    pub(crate) fn tell_from_plane(&mut self, z: f64) {
+        self.center_in_camera.z -= z;
+        self.distances = [-1.0, 1.0].map(|to| (to * self.radius + self.center_in_camera.z) as f32);
+    }
+
     /// Which of eight splats from `first` on, which begins a block, are drawn, of a cloud with these levels.
     #[inline(always)]
     pub(crate) fn chosen<S: Simd>(&self, simd: S, levels: &[Level], first: usize) -> u32 {

@@ -49,7 +49,7 @@ pub fn render(
 /// Tiles that what is seen is in at least, as far as tiles can be small.
 const LEAST_TILES: usize = 64;
 
-/// How many times as far away as it is deep a scene is told from a plane before it. Depths keep a millionth of that then.
+/// How many times as far away as it is deep a scene is told from a plane before it, down to a millionth of how deep it is.
 const MANY_TIMES: f64 = 16.0;
 
 /// What the passes of a frame share.
@@ -142,12 +142,13 @@ impl Renderer {
         // The colours of forms are shown as they are.
         let settings = &RenderSettings { shade: settings.shade && !settings.color_by_form, ..*settings };
         let mut view = SceneView { scene, camera, settings };
-        let mut culled = watched(observer, Stage::Cull, || self.cull(view));
+        let culled = watched(observer, Stage::Cull, || self.cull(view));
         let plane = self.plane_before_all(camera);
         let from_plane = camera.seen_from_plane(plane);
         if plane != 0.0 {
             view.camera = &from_plane;
-            culled = watched(observer, Stage::Cull, || self.cull(view));
+            let PerPass { surfaces, volumes } = &mut self.visible;
+            surfaces.iter_mut().chain(volumes).for_each(|range| range.tell_from_plane(plane));
         }
         if self.chooses_tiles {
             self.tile_side = self.choose_tile_side(camera);
@@ -205,7 +206,7 @@ impl Renderer {
         let near = ends().map(|[near, _]| near).fold(f64::INFINITY, f64::min);
         let far = ends().map(|[_, far]| far).fold(f64::NEG_INFINITY, f64::max);
         let step = (MANY_TIMES * (far - near)).log2().ceil().exp2();
-        let is_far = near.abs() > step && step > 0.0 && camera.projection() == Projection::Orthographic;
+        let is_far = near > step && step > 0.0 && camera.projection() == Projection::Orthographic;
         if is_far { (near / step).floor() * step } else { 0.0 }
     }
 

@@ -56,8 +56,7 @@ const LEAST_SHOWN: usize = 100;
 /// Windows of what the scene may touch of the picture, 64 of 6×6 pixels that are spread over it or all of it where that is small, are drawn in one way after another, from the quickest
 /// on, and the first is taken that is within 0.6 of the tolerance of the finest way at 99.9 % of the pixels that show anything. Where at most one
 /// in a thousand is off by more, or at most a hundredth by at most two tolerances, three times as many windows elsewhere tell whether they are too many.
-/// Where windows take very long, each showing much of a large scene, there are fewer, four at least, so that trials take some seconds at most; the fewer, the more
-/// a single pixel counts.
+/// Where each window shows much of a large scene, there are fewer, eight at least; the fewer, the more a single pixel counts.
 /// Nothing is taken, be it a way or what follows, with which 99.9 % of the pixels of all windows together are off by more than 0.8 of the tolerance. Kernels are
 /// drawn to where opacities end; then the way that is taken is drawn with nearer ends, from the nearest on, and the first are taken that
 /// keep to a share of the tolerance beside the finest way drawn at an eighth of it (way and ends are judged together):
@@ -120,7 +119,7 @@ pub fn settle(
     let mut trial = Trial::new(scene, asked, finest)?;
     if trial.shown() == 0 && !others_of_them.is_empty() {
         // What is as thin as that may be seen by others.
-        asked.reverse();
+        asked = [others_of_them, &[]];
         trial = Trial::new(scene, asked, finest)?;
     }
     if trial.shown() == 0 {

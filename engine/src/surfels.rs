@@ -94,6 +94,7 @@ impl Cloud {
             normals: None,
             orientations: None,
             grains: None,
+            opacities_of_own: None,
             material,
         });
         Ok(())

@@ -148,15 +148,13 @@ impl<'a> Projector<'a> {
             columns::Kind::Opacity(OpacityFilter::Compensated) => footprint.filter_attenuation(&splat, lens),
             _ => footprint.unit_integral / narrower.unit_integral,
         };
-        let grain = splats.grains.as_ref().map_or(1.0, |grains| f64::from(grains.row(index)[0]));
-        let undimmed = match splats.kind {
-            // Each of those that it stands for shows the filter's area h² besides its own.
-            columns::Kind::Opacity(OpacityFilter::Classic) => {
-                1.0 + (grain - 1.0) * lens.filter_sigma.powi(2) * footprint.root_area()
-            }
-            _ => 1.0,
-        };
-        let peak = (f64::from(splats.strength(index)) * attenuation * undimmed).min(LARGEST_ALPHA);
+        let own = f64::from(splats.strength(index));
+        // Each of those that it stands for shows the filter's area h² besides its own.
+        let of_filter = splats.opacities_of_own.as_ref().map_or(0.0, |sums| {
+            let more = (f64::from(sums.row(index)[0]) - own).max(0.0);
+            more * lens.filter_sigma.powi(2) * footprint.root_area()
+        });
+        let peak = ((own + of_filter) * attenuation).min(LARGEST_ALPHA);
         let bounded = match splats.kind {
             columns::Kind::Opacity(_) => opacity_cutoff(peak, settings),
             _ => cutoff,
@@ -201,6 +199,7 @@ impl<'a> Projector<'a> {
             columns::Kind::Surface(surface) => {
                 let area = f64::from(splats.strength(index)) * area_scale * gain;
                 let attenuation = footprint.filter_attenuation(&splat, lens);
+                let grain = splats.grains.as_ref().map_or(1.0, |grains| f64::from(grains.row(index)[0]));
                 let floor = filtered_floor(f64::from(surface.coverage_floor), grain.powi(2) * attenuation)
                     .min(least_between_cells(f64::from(surface.overlap), attenuation));
                 let coverage = area * footprint.unit_integral / floor;

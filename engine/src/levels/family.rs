@@ -31,8 +31,6 @@ pub(super) struct Family {
     len: usize,
     /// What the shares are parts of.
     pub(super) weight: f64,
-    /// Of kernels with opacities, the sum of those of the cloud's own that all stand for.
-    pub(super) opacities: f64,
     pub(super) center: DVec3,
     /// The mean of the members' covariances, and the covariance of their centres.
     pub(super) within: DMat3,
@@ -51,13 +49,11 @@ impl Family {
             members,
             len,
             weight: 0.0,
-            opacities: 0.0,
             center: DVec3::ZERO,
             within: DMat3::ZERO,
             between: DMat3::ZERO,
         };
         family.weight = family.members().iter().map(|m| m.share).sum();
-        family.opacities = family.members().iter().map(|m| m.opacity_of_own).sum();
         for member in &mut family.members[..len] {
             // What isn't there is anywhere.
             member.share = if family.weight > 0.0 { member.share / family.weight } else { 1.0 / len as f64 };
@@ -70,6 +66,11 @@ impl Family {
 
     pub(super) fn members(&self) -> &[Member] {
         &self.members[..self.len]
+    }
+
+    /// Of kernels with opacities, the sum of those of the cloud's own that all stand for.
+    pub(super) fn opacity_of_own(&self) -> f64 {
+        self.members().iter().map(|m| m.opacity_of_own).sum()
     }
 
     /// The mean of a vector.
@@ -121,7 +122,10 @@ impl Member {
             normal: if is_surface && normal == DVec3::ZERO { orientation.mean } else { normal },
             orientation,
             kernel_of_own: grain.powi(2) * across.length(),
-            opacity_of_own: strength * grain,
+            opacity_of_own: columns
+                .opacities_of_own
+                .as_ref()
+                .map_or(strength, |sums| f64::from(sums.row(index)[0])),
             share: match columns.kind {
                 Kind::Extinction | Kind::Surface(_) => strength,
                 Kind::Opacity(_) => strength * mean_shadow(covariance),

@@ -20,10 +20,11 @@ struct Merged {
     color: [f32; 3],
     normal: Vec3,
     orientation: Orientation,
-    /// Of a surface σ₁σ₂.
+    /// Of a surface σ₁σ₂, and see [`Columns::grains`].
     kernel: f64,
-    /// See [`Columns::grains`].
     grain: f32,
+    /// See [`Columns::opacities_of_own`].
+    opacity_of_own: f32,
     need: f32,
 }
 
@@ -86,9 +87,10 @@ pub(super) fn coarser(below: &Level, tolerance: f64) -> Level {
         }
         let orientations = merged.iter().map(|m| m.orientation.numbers()).collect();
         above.orientations = Some(Column::new(orientations, |numbers| *numbers));
-    }
-    if matches!(columns.kind, Kind::Surface(_) | Kind::Opacity(OpacityFilter::Classic)) {
         above.grains = Some(Column::new(column(|m| m.grain), |grain| [*grain]));
+    }
+    if let Kind::Opacity(OpacityFilter::Classic) = columns.kind {
+        above.opacities_of_own = Some(Column::new(column(|m| m.opacity_of_own), |sum| [*sum]));
     }
     let needs = column(|m| m.need);
     let (mut clusters, bounds) = clusters(&above);
@@ -132,7 +134,6 @@ impl Merged {
                 let shadow = mean_shadow(covariance);
                 strength = if shadow > 0.0 { (family.weight / shadow).min(1.0) } else { 0.0 };
                 factor = lower_factor(covariance);
-                grain = (family.opacities / strength.max(f64::MIN_POSITIVE)).max(1.0) as f32;
             }
             Kind::Surface(SurfaceKind { ref closed, .. }) => {
                 // What has no sides has none that all normals are on.
@@ -178,6 +179,7 @@ impl Merged {
             orientation,
             kernel,
             grain,
+            opacity_of_own: family.opacity_of_own() as f32,
             need: terms.need(tolerance).max(least),
         }
     }

@@ -23,16 +23,15 @@ const MOST_OF_FIRST: f64 = 2.0;
 /// lie together.
 pub(super) const MOST_OF_ALL: f64 = 0.8;
 
-/// What the first windows may take together as is right, in about nanoseconds: where much lies in every window, or much of the whole scene, fewer
-/// of them tell.
+/// Work, in about nanoseconds, that drawing the first windows in the finest way may take; where each takes more than its share, there are fewer.
 const MOST_WORK: u64 = 300_000_000;
 
-/// What a splat takes that lies around the eye, and a pixel of one that several slabs share.
+/// Of a splat, as of one around the eye, and of one of its pixels, as in several slabs.
 const WORK_OF_SPLAT: u64 = 256;
 const WORK_OF_FRAGMENT: u64 = 4;
 
 /// Windows that tell how many there should be, and that are looked at in any case.
-const LEAST_WINDOWS: usize = 4;
+const LEAST_WINDOWS: usize = 8;
 
 /// A pixel in the space of blending.
 pub(super) type Pixel = [f32; 4];

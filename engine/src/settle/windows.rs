@@ -4,6 +4,7 @@ use crate::camera::Camera;
 use crate::cull::{find_affordable, touched_part};
 use crate::scene::RenderSettings;
 use crate::view::SceneView;
+use std::ops::Range;
 
 /// Windows along a side of what the scene touches of the picture, and pixels along a side of a window.
 const WINDOWS: u32 = 8;
@@ -54,44 +55,35 @@ pub(super) fn windows(view: SceneView) -> Option<[Vec<Camera>; 2]> {
         (sides[axis].start + (f64::from(room) * share) as u32) as i32
     };
     let window = |number: u32| camera.part([corner(number, 0), corner(number, 1)], [WINDOW; 2]).ok();
-    Some([0..all, all..(1 + OTHERS) * all].map(|numbers| spread(numbers.filter_map(window).collect())))
+    let mut places: Vec<u32> = (0..all).collect();
+    places.sort_unstable_by_key(|place| dithered([place / count[1], place % count[1]]));
+    let rounds =
+        |rounds: Range<u32>| rounds.flat_map(|round| places.iter().map(move |place| round * all + place));
+    Some([0..1, 1..1 + OTHERS].map(|numbers| rounds(numbers).filter_map(window).collect()))
 }
 
-/// The same windows, any first few of which are spread over all: by steps of the golden section.
-fn spread(windows: Vec<Camera>) -> Vec<Camera> {
-    let count = windows.len();
-    let are_prime = |step: &usize| (2..=*step).all(|i| !(step.is_multiple_of(i) && count.is_multiple_of(i)));
-    let step = (count * 618 / 1000..).find(are_prime).unwrap_or(1);
-    (0..count).map(|number| windows[number * step % count]).collect()
+/// In which order places of an 8×8 grid are taken so that any first few are spread over all: that of ordered dithering.
+///
+/// B. E. Bayer, *An optimum method for two-level rendition of continuous-tone pictures*, 1973.
+fn dithered([row, column]: [u32; 2]) -> u32 {
+    (0..WINDOWS.ilog2()).fold(0, |key, bit| 4 * key + (2 * ((row ^ column) >> bit & 1)) + (row >> bit & 1))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::Pose;
-    use glam::DVec3;
 
-    /// Of eight rows of eight the first few lie in as many rows and as many columns.
+    /// Of the first 4ⁿ places each square of 64/4ⁿ has one.
     #[test]
     fn the_first_few_are_spread_over_all() {
-        let pose = Pose::look_at(DVec3::ZERO, DVec3::Y, DVec3::Z).unwrap();
-        let picture = Camera::perspective(pose, 1.0, [64; 2]).unwrap();
-        let one = |width: u32| picture.part([0; 2], [width, 1]).unwrap();
-        for count in [0, 1, 2, 3, 7, 12, 56, 64] {
-            let numbers: Vec<u32> =
-                spread((1..=count).map(one).collect()).iter().map(|camera| camera.size()[0] - 1).collect();
-            let mut sorted = numbers.clone();
-            sorted.sort_unstable();
-            assert_eq!(sorted, (0..count).collect::<Vec<_>>());
-            if count == 64 {
-                let mut rows: Vec<u32> = numbers[..4].iter().map(|number| number / 8).collect();
-                let mut columns: Vec<u32> = numbers[..4].iter().map(|number| number % 8).collect();
-                rows.sort_unstable();
-                columns.sort_unstable();
-                rows.dedup();
-                columns.dedup();
-                assert_eq!([rows.len(), columns.len()], [4, 4], "{numbers:?}");
-            }
+        let mut places: Vec<[u32; 2]> = (0..64).map(|place| [place / 8, place % 8]).collect();
+        places.sort_by_key(|place| dithered(*place));
+        for (count, side) in [(4, 4), (16, 2), (64, 1)] {
+            let mut squares: Vec<[u32; 2]> =
+                places[..count].iter().map(|place| place.map(|number| number / side)).collect();
+            squares.sort_unstable();
+            squares.dedup();
+            assert_eq!(squares.len(), count, "{places:?}");
         }
     }
 }

@@ -4,7 +4,8 @@ use super::*;
 use crate::camera::{Camera, Pose};
 use crate::closed::Closed;
 use crate::cloud::{Cloud, Material, Shapes, Splats, Strength, Surface, oblate_factor};
-use glam::DVec3;
+use crate::scene::FootprintForm;
+use glam::{DVec3, Mat3};
 use setups::transform;
 use std::sync::LazyLock;
 
@@ -165,5 +166,57 @@ proptest! {
         direction in prop::array::uniform3(-1.0..1.0_f64),
     ) {
         is_projected_as_one_is(&Case { kind, place, is_parallel, above, block, direction })?;
+    }
+}
+
+/// Kernels that no filter dims, four to a merged one, as points and of a hundredth of the distance between them, from where these four are a hundredth of
+/// a pixel wide to where they are ten. Far away a merged one shows the sum of four opacities.
+#[test]
+fn merged_kernels_that_no_filter_dims_are_projected_as_one_is() {
+    let count = 10_000_u16;
+    let numbers = |i: u16| [0.754_877_7, 0.569_840_3, 0.438_579_2].map(|step| (f32::from(i) * step).fract());
+    let centers: Vec<Vec3> = (0..count).map(|i| 2.0 * Vec3::from(numbers(i)) - 1.0).collect();
+    for size in [0.0, 1e-30, 4e-18, 4e-3] {
+        let splats = Splats {
+            centers: centers.clone(),
+            shapes: Shapes::Shared(Mat3::IDENTITY * size),
+            strength: Strength::Opacity { peaks: vec![0.02; count.into()], filter: OpacityFilter::Classic },
+            colors: vec![[0.5; 3]; count.into()],
+            harmonics: None,
+            normals: None,
+            material: Material::UNLIT,
+        };
+        let cloud = Cloud::new(splats.in_morton_order()).unwrap().with_levels();
+        let scene = Scene { clouds: vec![cloud], lights: Vec::new() };
+        for distance in [4000.0, 40.0, 4.0] {
+            let pose = Pose::look_at(DVec3::new(0.3, 0.5, 0.8) * distance, DVec3::ZERO, DVec3::Z).unwrap();
+            let camera = Camera::perspective(pose, 0.9, [64; 2]).unwrap();
+            for footprint in [FootprintForm::Point, FootprintForm::Affine, FootprintForm::Exact] {
+                let settings = RenderSettings { footprint, ..RenderSettings::default() };
+                let view = SceneView { scene: &scene, camera: &camera, settings: &settings };
+                let projectors = SceneProjector {
+                    view,
+                    lights: &Lights::new(&scene, &camera),
+                    closing: Closing::Centers { alike: 0.0 },
+                    looked: None,
+                    tile_side: 16,
+                    level: Level::Baseline,
+                };
+                let mut range = VisibleRange::whole(0..LANES, Vec3::ZERO, false);
+                range.level = 1;
+                let projector = projectors.of(&range);
+                for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
+                    let Wide { len, records, .. } = Wide::new(level, &projector, &range);
+                    assert_eq!(len, LANES);
+                    for (index, found) in records[..len].iter().enumerate() {
+                        let [found, one] =
+                            [found.amplitude, projector.project_splat(index).unwrap().record.amplitude];
+                        assert!((found / one - 1.0).abs() < 1e-4, "{level:?}, {index}: {found}, not {one}");
+                        let is_far = distance == 4000.0;
+                        assert!(!is_far || (one - 0.08).abs() < 8e-4, "{index} of {size}: {one}");
+                    }
+                }
+            }
+        }
     }
 }

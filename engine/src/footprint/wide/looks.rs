@@ -110,7 +110,7 @@ impl WideProjector<'_> {
     }
 
     #[inline(always)]
-    pub(super) fn looks<S: Simd>(
+    pub(super) fn looks<S: Simd, const UNEVEN: bool>(
         &self,
         simd: S,
         block: usize,
@@ -131,17 +131,16 @@ impl WideProjector<'_> {
             columns::Kind::Opacity(filter) => {
                 let peak = match filter {
                     OpacityFilter::Classic => {
-                        let peak = strength * footprints.gain;
-                        columns.grains.as_ref().map_or(
-                            peak,
+                        let of_filter = columns.opacities_of_own.as_ref().map_or(
+                            zero,
                             #[inline(always)]
-                            |grains| {
-                                let grain = V::simd_from(simd, grains.block(block)[0]);
+                            |sums| {
+                                let more = V::simd_from(simd, sums.block(block)[0]) - strength;
                                 let [root, _, other] = footprints.conic_root;
-                                let of_filter = root * other * self.low_pass;
-                                peak * (grain - splat(simd, 1.0)).mul_add(of_filter, splat(simd, 1.0))
+                                more.max(zero) * (root * other * self.low_pass)
                             },
-                        )
+                        );
+                        (strength + of_filter) * footprints.gain
                     }
                     OpacityFilter::Compensated => strength * footprints.attenuation,
                 };
@@ -175,7 +174,7 @@ impl WideProjector<'_> {
                 let cosine = dot(normal, areas);
                 let turned = cosine.simd_lt(zero);
                 let bare = dot(normal, normal).simd_eq(zero);
-                let own = if self.grows_unevenly { normalize_or_zero(simd, areas) } else { areas };
+                let own = if UNEVEN { normalize_or_zero(simd, areas) } else { areas };
                 let normal = [0, 1, 2].each(
                     #[inline(always)]
                     |i| bare.select(own[i], turned.select(-normal[i], normal[i])),

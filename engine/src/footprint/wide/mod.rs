@@ -114,17 +114,20 @@ impl<'a> WideProjector<'a> {
     /// Projects blocks of a range, with the instructions of a level.
     #[inline(never)]
     pub(super) fn project(&self, level: Level, (range, blocks): (&VisibleRange, &Blocks), out: &mut Places) {
-        // Compiled for both.
+        // Compiled for each.
         match Hiding::new(self, range) {
             Some(hiding) => {
-                dispatch!(level, simd => self.project_wide(simd, (range, blocks), Some(&hiding), out));
+                dispatch!(level, simd => self.project_wide::<_, false>(simd, (range, blocks), Some(&hiding), out));
             }
-            None => dispatch!(level, simd => self.project_wide(simd, (range, blocks), None, out)),
+            None if range.is_surface && self.grows_unevenly => {
+                dispatch!(level, simd => self.project_wide::<_, true>(simd, (range, blocks), None, out));
+            }
+            None => dispatch!(level, simd => self.project_wide::<_, false>(simd, (range, blocks), None, out)),
         }
     }
 
     #[inline(always)]
-    fn project_wide<S: Simd>(
+    fn project_wide<S: Simd, const UNEVEN: bool>(
         &self,
         simd: S,
         (range, blocks): (&VisibleRange, &Blocks),
@@ -148,7 +151,7 @@ impl<'a> WideProjector<'a> {
             let half_axes = self.half_axes(simd, block);
             let spread = self.spread(simd, block, towards);
             let areas = if range.is_surface {
-                self.areas(simd, block, &half_axes, spread.as_ref())
+                self.areas::<S, UNEVEN>(simd, block, &half_axes, spread.as_ref())
             } else {
                 [splat(simd, 0.0); 3]
             };
@@ -158,7 +161,7 @@ impl<'a> WideProjector<'a> {
             let colors = self.colors(simd, block, &placed, (towards, spread.as_ref()));
             let mut footprints = self.footprints(simd, &placed, half_axes);
             let forms = self.forms(simd, range.is_surface, &placed, &mut footprints);
-            let looks = self.looks(simd, block, (&placed, &footprints), (colors, areas));
+            let looks = self.looks::<S, UNEVEN>(simd, block, (&placed, &footprints), (colors, areas));
             let seen = (&placed, &footprints, &looks, &forms);
             self.push(simd, (range, first, chosen), seen, (out, &mut ends, hiding));
         }

@@ -19,7 +19,7 @@ impl WideProjector<'_> {
     /// The vector areas of what is seen of a block's surfels, as shares of their areas and in camera space: of those that stand for no others
     /// their unit normals, longer or shorter where the cloud's areas grow unevenly.
     #[inline(always)]
-    pub(super) fn areas<S: Simd>(
+    pub(super) fn areas<S: Simd, const UNEVEN: bool>(
         &self,
         simd: S,
         block: usize,
@@ -28,7 +28,7 @@ impl WideProjector<'_> {
     ) -> V3<S> {
         let in_cloud = match spread {
             Some(spread) => spread.area,
-            None if self.grows_unevenly => {
+            None if UNEVEN => {
                 let [a, b] = self.flat_in_cloud(simd, block);
                 direction_or_zero(simd, cross(a, b))
             }
