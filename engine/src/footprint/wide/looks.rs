@@ -131,15 +131,14 @@ impl WideProjector<'_> {
             columns::Kind::Opacity(filter) => {
                 let peak = match filter {
                     OpacityFilter::Classic => {
-                        let of_filter = columns.opacities_of_own.as_ref().map_or(
-                            zero,
-                            #[inline(always)]
-                            |sums| {
+                        let of_filter = match &columns.opacities_of_own {
+                            None => zero,
+                            Some(sums) => {
                                 let more = V::simd_from(simd, sums.block(block)[0]) - strength;
                                 let [root, _, other] = footprints.conic_root;
                                 more.max(zero) * (root * other * self.low_pass)
-                            },
-                        );
+                            }
+                        };
                         (strength + of_filter) * footprints.gain
                     }
                     OpacityFilter::Compensated => strength * footprints.attenuation,
