@@ -54,7 +54,7 @@ pub(crate) fn kept(look: &Look) -> Vec<HalfSpace> {
     corners.chain(planes).collect()
 }
 
-/// Those of the planes that have not all of a thing, which has these bounds, inside in each of its places; none of nothing.
+/// The planes that cut a thing, which has these bounds, in at least one of its places.
 pub(crate) fn cutting(
     kept: Vec<HalfSpace>,
     bounds: impl FnOnce() -> Option<[DVec3; 2]>,
@@ -72,15 +72,13 @@ pub(crate) fn cutting(
     kept.into_iter().filter(|plane| !places.iter().all(|place| holds(plane, place))).collect()
 }
 
-/// Beyond as many σ about its centre no plane cuts a splat.
-const REACH: f64 = 4.0;
-
 /// Bounds in a cloud's space of what planes cut of it; `None` for an empty cloud.
 pub(crate) fn reached(cloud: &Cloud) -> Option<[DVec3; 2]> {
     let of = |index: usize| {
         let center = cloud.center(index).as_dvec3();
         let rows = cloud.factor(index).as_dmat3().transpose();
-        let about = REACH * DVec3::from([rows.x_axis, rows.y_axis, rows.z_axis].map(DVec3::length));
+        let about =
+            HalfSpace::REACH * DVec3::from([rows.x_axis, rows.y_axis, rows.z_axis].map(DVec3::length));
         [center - about, center + about]
     };
     let both = |[a, b]: [DVec3; 2], [c, d]: [DVec3; 2]| [a.min(c), b.max(d)];

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 /// Share of half the picture that stays free on each side of the points of a framed scene; what is about them has it.
 const MARGIN: f64 = 0.06;
 
-/// To which share of the distance of the target eye and target are rounded; the target at least to a quarter of a pixel.
+/// Eye and target are rounded to this share of the distance between them, the target to a quarter of a pixel if that is less.
 const ROUNDING: f64 = 1e-4;
 
 /// Vertical angle of view in degrees.

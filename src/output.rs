@@ -111,7 +111,7 @@ impl StatsPlace {
 
 /// Whether a file is in a folder with others that have the same extension, as slices are.
 fn is_one_of_several(folder: &Path, file: &Path) -> bool {
-    let alike = |path: &Path| path != file && path.extension() == file.extension();
+    let alike = |path: &Path| path != file && path.extension() == file.extension() && path.is_file();
     file.parent() == Some(folder)
         && file.exists()
         && folder.read_dir().is_ok_and(|files| files.flatten().any(|entry| alike(&entry.path())))

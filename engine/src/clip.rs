@@ -5,9 +5,6 @@ use crate::cloud::{Cloud, CloudError, Harmonics, Shapes, Splats, Strength, Surfa
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
-/// σ on one side of a plane beyond which a splat is whole or gone: 3e-5 of it would be on the other side.
-const REACH: f64 = 4.0;
-
 /// What stays of the world: the points p with `normal` · p ≥ `offset`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HalfSpace {
@@ -18,6 +15,9 @@ pub struct HalfSpace {
 }
 
 impl HalfSpace {
+    /// σ on one side of a plane beyond which a splat is whole or gone: 3e-5 of it would be on the other side.
+    pub const REACH: f64 = 4.0;
+
     /// The six whose common part is the box between two corners.
     pub fn of_box([low, high]: [DVec3; 2]) -> [Self; 6] {
         let axes = [DVec3::X, DVec3::Y, DVec3::Z];
@@ -90,10 +90,10 @@ impl Part {
             along.z = 0.0;
         }
         let sigma = along.length();
-        if ahead >= REACH * sigma {
+        if ahead >= HalfSpace::REACH * sigma {
             return Some(self);
         }
-        if ahead <= -REACH * sigma {
+        if ahead <= -HalfSpace::REACH * sigma {
             return None;
         }
         let t = ahead / sigma;

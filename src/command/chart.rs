@@ -87,13 +87,11 @@ pub(crate) fn run(args: &ChartArgs) -> Result<()> {
     std::fs::create_dir_all(&args.output)
         .with_context(|| format!("cannot write {}", args.output.display()))?;
     // A folder that can't be written to is found before the work.
-    let place = Output::begin(&args.output.join("report.html"));
-    if place.is_err() && made {
+    let places = begin(args);
+    if places.is_err() && made {
         let _ = std::fs::remove_dir(&args.output);
     }
-    place?;
-    let numbers = Output::begin(&args.output.join("chart.json"))?;
-    numbers.ensure_unread(args.peers.as_slice())?;
+    places?;
     let scale = if args.quick { Scale::Quick } else { Scale::Full };
     let names: Vec<PathBuf> = if args.scenes.is_empty() {
         BUILT_IN.iter().map(|built_in| built_in.name.into()).collect()
@@ -188,4 +186,10 @@ fn machine() -> Machine {
             .collect::<Vec<_>>()
             .join(" "),
     }
+}
+
+/// That both files can be written, and that none of them is read.
+fn begin(args: &ChartArgs) -> Result<()> {
+    Output::begin(&args.output.join("report.html"))?;
+    Output::begin(&args.output.join("chart.json"))?.ensure_unread(args.peers.as_slice())
 }

@@ -102,8 +102,9 @@ pub(crate) fn run(args: WarpArgs) -> Result<()> {
     }
     let poses = args.poses()?;
     if args.sequence.is_some() {
-        for number in 0..poses.len() {
-            Output::begin(&beside(&args.output, number))?.ensure_unread(&reads)?;
+        let frames = (0..poses.len()).map(|number| beside(&args.output, number));
+        for frame in frames.filter(|frame| frame.exists()) {
+            Output::begin(&frame)?.ensure_unread(&reads)?;
         }
     }
     let (images, load_time) = timed(|| args.inputs.load(console))?;
@@ -174,15 +175,15 @@ impl WarpArgs {
         Ok((0..frames).map(|frame| between(&poses, f64::from(frame) * step)).collect())
     }
 
-    /// What is said of the frames of a sequence; tells of those that an earlier, longer one has left.
+    /// What is said of the frames of a sequence; tells of those that would be next and were there before.
     fn frames_written(&self, count: usize, console: Console) -> String {
         let name = |number: usize| beside(&self.output, number).display().to_string();
         let older = (count..).take_while(|number| beside(&self.output, *number).exists()).count();
         match older {
             0 => {}
-            1 => console.say(format_args!("{} is of an earlier sequence", name(count))),
+            1 => console.say(format_args!("{} was there before and is no frame of it", name(count))),
             _ => console.say(format_args!(
-                "{} to {} are of an earlier sequence",
+                "{} to {} were there before and are no frames of it",
                 name(count),
                 name(count + older - 1)
             )),

@@ -27,7 +27,7 @@ pub struct Primitive {
     pub material: BaseColor,
     /// Whether alpha is a mask: what has at least this much is there and opaque, the rest is not. `None`: alpha is
     /// the opacity. The product of factor, vertex colour and texel is compared: of texels before they are filtered, of vertex
-    /// colours after they are interpolated.
+    /// colours after they are interpolated. Where vertex alphas differ and texels are smaller than surfels, one of eight masks between the extremes counts.
     pub alpha_cutoff: Option<f32>,
     /// Whether its colours are shown as they are, whatever the lights; [`sample`](crate::sample()) heeds it where it is so of
     /// all of a mesh.

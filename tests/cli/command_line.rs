@@ -238,19 +238,21 @@ fn what_is_read_is_not_written_over() {
     for name in ["red.png", "b.png", "slices/1.png", "slices/2.png"] {
         picture(name);
     }
-    place.write("a.toml", "version = 1\n[[mesh]]\npath = 'cube.obj'\ntexture = 'red.png'\n");
+    std::fs::create_dir(place.path("scene")).unwrap();
+    place.write("scene/a.toml", "version = 1\n[[mesh]]\npath = '../cube.obj'\ntexture = '../red.png'\n");
     place.run(&["convert", "ball_16x16x16_uint8.raw", "ball.nrrd", "-q"]);
     place.run(&["extract", "ball.nrrd", "--iso", "75", "-o", "ball.ply", "-q"]);
     let contents = || {
-        let files = place.files().into_iter().filter(|name| name != "slices");
-        files.map(|name| std::fs::read(place.path(&name)).unwrap()).collect::<Vec<_>>()
+        let files = place.files().into_iter().filter(|name| place.path(name).is_file());
+        let inner = ["slices/1.png", "slices/2.png", "scene/a.toml"].map(str::to_owned);
+        files.chain(inner).map(|name| std::fs::read(place.path(&name)).unwrap()).collect::<Vec<_>>()
     };
     let before = contents();
     for (args, read) in [
         (&["render", "cube.obj", "--texture", "red.png", "-o", "./red.png"][..], "red.png"),
-        (&["render", "a.toml", "-o", "red.png"], "red.png"),
-        (&["render", "a.toml", "--stats", "a.toml"], "a.toml"),
-        (&["render", "a.toml", "--stats", "cube.obj"], "cube.obj"),
+        (&["render", "scene/a.toml", "-o", "red.png"], "scene/../red.png"),
+        (&["render", "scene/a.toml", "--stats", "scene/a.toml"], "scene/a.toml"),
+        (&["render", "scene/a.toml", "--stats", "cube.obj"], "scene/../cube.obj"),
         (&["render", "ball.nrrd", "--transfer", "a.tf", "--stats", "a.tf"], "a.tf"),
         (&["render", "ball.nrrd", "--color-by", "slices", "--stats", "slices/1.png"], "slices"),
         (&["render", "slices", "-o", "slices/2.png"], "slices"),

@@ -8,7 +8,7 @@
 //! Meshes: each use of a mesh by a node is a primitive with the node's transform. Points and lines are left out; skins and
 //! morph weights are refused, as are required extensions that could change shape or base colour. Vertex colours are
 //! linear; alpha counts as the material's `alphaMode` says: `OPAQUE` makes it 1, `MASK` makes it 0 or 1 texel by texel,
-//! by the product with factor and vertex colour. Materials that are all KHR_materials_unlit show their colours as they are. `doubleSided` counts where a mesh is not opaque (glTF 2.0,
+//! by the product with factor and vertex colour. Where all materials are KHR_materials_unlit, colours are shown as they are. `doubleSided` counts where a mesh is not opaque (glTF 2.0,
 //! 3.9.5, drops the backs of opaque ones too, but scans are looked at from behind).
 //!
 //! Splats: the primitives of points that have KHR_gaussian_splatting, all of the scene as one, in the world: centres,
