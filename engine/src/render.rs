@@ -49,7 +49,7 @@ pub fn render(
 /// Tiles that what is seen is in at least, as far as tiles can be small.
 const LEAST_TILES: usize = 64;
 
-/// How many times as far away as it is deep a scene is told from a plane before it, down to a millionth of how deep it is.
+/// Where rays are parallel, what is farther away than so many times its own depth is told from a plane before it: down to a millionth of that depth.
 const MANY_TIMES: f64 = 16.0;
 
 /// What the passes of a frame share.

@@ -4,10 +4,9 @@
 
 mod scenes;
 
-use glam::{DAffine3, DVec3, Mat3, Vec3};
-use oblate_engine::{Camera, Cloud, Counts, Frame, Observer, Order, Pose, RenderSettings, Scene, render};
+use glam::{DVec3, Mat3, Vec3};
+use oblate_engine::{Camera, Frame, Order, Pose, RenderSettings};
 use scenes::{draw, unshaded};
-use std::sync::Mutex;
 
 /// From a million times as far away as it is deep single precision would tell only eight depths of it apart.
 #[test]
@@ -40,35 +39,5 @@ fn parallel_rays_show_from_afar_what_they_show_from_nearby() {
             // To half a unit in the last place.
             assert!(*near == far || off <= 1e-4 + 6e-8 * beyond, "{near} {far}");
         }
-    }
-}
-
-/// A closed needle, fifty times as long as it is thick, of which the far end is in the picture: its backs stay hidden, wherever the eye is.
-#[test]
-fn closed_bodies_hide_their_backs_from_afar() {
-    let needle = scenes::sphere(20_000, 1.0, [0.5; 3]).splats();
-    let needle = Cloud::new(needle).unwrap().transformed(DAffine3::from_scale(DVec3::new(1.0, 1.0, 50.0)));
-    let counted = |distance: f64| {
-        let (axis, end) = (DVec3::new(0.02, 0.01, 1.0).normalize(), DVec3::Z * -45.0);
-        let pose = Pose::look_at(end + axis * distance, end, DVec3::Y).unwrap();
-        let camera = Camera::orthographic(pose, 1.0, [48; 2]).unwrap();
-        let scene = Scene { clouds: vec![needle.clone()], lights: Vec::new() };
-        let counts = Counted::default();
-        render(&scene, &camera, &unshaded(), &counts).unwrap();
-        counts.0.into_inner().unwrap().visible
-    };
-    let nearby = counted(200.0);
-    assert!(nearby > 0);
-    for distance in (0..40).map(|step| 300.0 * 1.3_f64.powi(step)) {
-        assert_eq!(counted(distance), nearby, "from {distance}");
-    }
-}
-
-#[derive(Default)]
-struct Counted(Mutex<Counts>);
-
-impl Observer for Counted {
-    fn counts(&self, counts: Counts) {
-        *self.0.lock().unwrap() = counts;
     }
 }
