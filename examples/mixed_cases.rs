@@ -163,7 +163,11 @@ fn splats(
         factors.push(oblate_factor(direction, across, across / along));
         colors.push(color);
     }
-    let strength = Strength::Opacity { peaks: vec![0.85; centers.len()], filter: OpacityFilter::Compensated };
+    let strength = Strength::Opacity {
+        peaks: vec![0.85; centers.len()],
+        filter: OpacityFilter::Compensated,
+        least: 0.0,
+    };
     let (shapes, material) = (Shapes::Each(factors), Material::UNLIT);
     Ok(Cloud::new(Splats { centers, shapes, strength, colors, harmonics: None, normals: None, material })?)
 }

@@ -179,7 +179,7 @@ fn points_body(points: &PointCloud) -> Body {
 
 fn splats_body(splats: &Splats, blend: Blend) -> Body {
     let (strength, values, filter) = match &splats.strength {
-        Strength::Opacity { peaks, filter } => ("opacity", peaks, Some(filter)),
+        Strength::Opacity { peaks, filter, .. } => ("opacity", peaks, Some(filter)),
         Strength::Surface(surface) => ("area", &surface.areas, None),
         Strength::Extinction { masses } => ("mass", masses, None),
     };

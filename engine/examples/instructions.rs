@@ -141,6 +141,7 @@ fn splats(with_harmonics: bool) -> Cloud {
         strength: Strength::Opacity {
             peaks: (0..SPLATS).map(|_| random.uniform(0.05, 0.95)).collect(),
             filter: OpacityFilter::Compensated,
+            least: 0.0,
         },
         colors: vec![[0.5, 0.4, 0.3]; SPLATS],
         harmonics: with_harmonics.then_some(Harmonics { degree: 3, coefficients }),

@@ -122,9 +122,9 @@ fn of_parts(splats: Splats, parts: &[(usize, Part)]) -> Splats {
     let strength = match splats.strength {
         Strength::Extinction { masses } => Strength::Extinction { masses: shares(&masses, f32::MAX, mass) },
         // A peak times the extent is what a mass is to extinction.
-        Strength::Opacity { peaks, filter } => {
+        Strength::Opacity { peaks, filter, least } => {
             let peaks = shares(&peaks, 1.0, |part| part.share / part.narrowing.max(f64::MIN_POSITIVE));
-            Strength::Opacity { peaks, filter }
+            Strength::Opacity { peaks, filter, least }
         }
         Strength::Surface(surface) => Strength::Surface(Surface {
             areas: shares(&surface.areas, f32::MAX, mass),
@@ -234,7 +234,7 @@ mod tests {
             })
         };
         let strengths = [
-            Strength::Opacity { peaks: vec![0.5; 3], filter: OpacityFilter::Classic },
+            Strength::Opacity { peaks: vec![0.5; 3], filter: OpacityFilter::Classic, least: 0.0 },
             surface(Closed::EVERYWHERE),
             surface(Closed::Nowhere),
         ];

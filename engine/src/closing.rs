@@ -192,7 +192,7 @@ impl Closing {
 
     /// Whether kernels of a kind are composited whole where others are spread.
     pub(crate) fn takes_whole(&self, kind: &Kind) -> bool {
-        self.is_mixed() && matches!(kind, Kind::Opacity(_))
+        self.is_mixed() && matches!(kind, Kind::Opacity { .. })
     }
 
     /// The same for a picture of every second pixel, or of still fewer.

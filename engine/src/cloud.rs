@@ -48,9 +48,18 @@ pub enum Strength {
         peaks: Vec<f32>,
         /// What they are where the pixel's low-pass filter widens a splat.
         filter: OpacityFilter,
+        /// Kernels end where their opacity falls below this, in [0, 1], before the filter dims it: [`LEAST_OF_TRAINED`](Self::LEAST_OF_TRAINED), or
+        /// 0 for whole Gaussians.
+        least: f32,
     },
     /// Surface samples.
     Surface(Surface),
+}
+
+impl Strength {
+    /// What rasterizers of trained scenes leave out: α below 1/255. It is a part of what was trained. Kerbl, Kopanas, Leimkühler, Drettakis,
+    /// *3D Gaussian Splatting for Real-Time Radiance Field Rendering*, 2023, appendix C, as their programs and gsplat have it.
+    pub const LEAST_OF_TRAINED: f32 = 1.0 / 255.0;
 }
 
 /// Whether the pixel's low-pass filter dims a kernel of given peak opacity that it widens. Trained opacities are right with
@@ -406,7 +415,12 @@ fn validate(splats: &Splats) -> Result<(), CloudError> {
         Strength::Extinction { masses } => {
             range("masses", masses, f32::MAX, "a mass is finite and at least 0")
         }
-        Strength::Opacity { peaks, filter: _ } => range("peaks", peaks, 1.0, "an opacity is from 0 to 1"),
+        Strength::Opacity { peaks, filter: _, least } => {
+            const EXPECTED: &str = "an opacity is from 0 to 1";
+            range("peaks", peaks, 1.0, EXPECTED)?;
+            let is_right = (0.0..=1.0).contains(least);
+            is_right.then_some(()).ok_or_else(|| wrong(0, "least opacity", least.to_string(), EXPECTED))
+        }
         Strength::Surface(surface) => {
             range("areas", &surface.areas, f32::MAX, "an area is finite and at least 0")?;
             if let Some(opacities) = &surface.opacities {

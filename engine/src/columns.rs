@@ -165,8 +165,8 @@ impl Factors {
 pub(crate) enum Kind {
     /// Masses.
     Extinction,
-    /// Peak opacities.
-    Opacity(OpacityFilter),
+    /// Peak opacities; see [`Strength::Opacity`].
+    Opacity { filter: OpacityFilter, least: f32 },
     /// Areas.
     Surface(SurfaceKind),
 }
@@ -240,7 +240,7 @@ impl Columns {
         let len = splats.centers.len();
         let (kind, strengths, opacities) = match splats.strength {
             Strength::Extinction { masses } => (Kind::Extinction, masses, None),
-            Strength::Opacity { peaks, filter } => (Kind::Opacity(filter), peaks, None),
+            Strength::Opacity { peaks, filter, least } => (Kind::Opacity { filter, least }, peaks, None),
             Strength::Surface(Surface { areas, opacities, depth_tolerance, coverage_floor, closed }) => {
                 let shared = SurfaceKind::of_samples(depth_tolerance, coverage_floor, closed);
                 (Kind::Surface(shared), areas, opacities.map(single))
@@ -385,7 +385,7 @@ impl Columns {
             },
             strength: match self.kind {
                 Kind::Extinction => Strength::Extinction { masses: strengths },
-                Kind::Opacity(filter) => Strength::Opacity { peaks: strengths, filter },
+                Kind::Opacity { filter, least } => Strength::Opacity { peaks: strengths, filter, least },
                 Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, ref closed, .. }) => {
                     Strength::Surface(Surface {
                         areas: strengths,
@@ -419,6 +419,7 @@ mod tests {
                 strength: Strength::Opacity {
                     peaks: (0..count).map(|i| number(i) / 16.0).collect(),
                     filter: [OpacityFilter::Classic, OpacityFilter::Compensated][count % 2],
+                    least: 0.0,
                 },
                 colors: (0..count).map(|i| [number(i), 0.5, 0.25]).collect(),
                 harmonics: Some(Harmonics {

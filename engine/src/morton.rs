@@ -190,7 +190,11 @@ mod tests {
             let strengths = [
                 Strength::Surface(surface),
                 Strength::Extinction { masses: (0..count).map(number).collect() },
-                Strength::Opacity { peaks: (0..count).map(number).collect(), filter: OpacityFilter::Classic },
+                Strength::Opacity {
+                    peaks: (0..count).map(number).collect(),
+                    filter: OpacityFilter::Classic,
+                    least: 0.0,
+                },
             ];
             for strength in strengths {
                 let harmonic = |i: usize| [number(i / per_splat), (i % per_splat) as f32, 1.0];

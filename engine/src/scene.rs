@@ -24,7 +24,20 @@ impl Scene {
 
     /// Whether there are kernels with opacities, which are composited at their centres by definition.
     pub(crate) fn has_opacities(&self) -> bool {
-        self.clouds.iter().any(|cloud| matches!(cloud.columns().kind, Kind::Opacity(_)) && !cloud.is_empty())
+        self.clouds
+            .iter()
+            .any(|cloud| matches!(cloud.columns().kind, Kind::Opacity { .. }) && !cloud.is_empty())
+    }
+
+    /// Below this all kernels have ended by themselves, whatever pictures leave out; extinctions don't.
+    pub(crate) fn least_opacity(&self) -> f64 {
+        let least = |cloud: &Cloud| match cloud.columns().kind {
+            Kind::Opacity { least, .. } => Some(f64::from(least)),
+            Kind::Extinction => Some(0.0),
+            Kind::Surface(_) => None,
+        };
+        let shown = self.clouds.iter().filter(|cloud| !cloud.is_empty());
+        shown.filter_map(least).reduce(f64::min).unwrap_or(0.0)
     }
 
     /// Whether there are kernels with extinctions, which are spread along rays.

@@ -131,9 +131,9 @@ pub fn settle(
     let tells = trial.shown() >= LEAST_SHOWN;
     let settled = if tells {
         let with_ends = nearer.iter().map(|ends| drawn_in(way, ends));
-        match nearest_ends(&trial, (finest, settings), scene.has_opacities(), with_ends)? {
+        match nearest_ends(&trial, (scene, finest, settings), with_ends)? {
             Some(found) => found,
-            None => far_ends(&trial, (usual, settings), finer(usual))?,
+            None => far_ends(&trial, (scene, usual, settings), finer(usual))?,
         }
     } else {
         untold(usual)
@@ -159,16 +159,16 @@ pub fn settle(
 /// [`MOST_OF_ALL`] beside the finest way.
 fn nearest_ends(
     trial: &Trial,
-    (finest, asked): (RenderSettings, &RenderSettings),
-    has_opacities: bool,
+    (scene, finest, asked): (&Scene, RenderSettings, &RenderSettings),
     from_the_nearest: impl ExactSizeIterator<Item = RenderSettings>,
 ) -> Result<Option<RenderSettings>, SceneError> {
     if from_the_nearest.len() == 0 {
         return Ok(None);
     }
     let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * finest.tolerance, ..finest };
-    let truth = trial.first(&with_far_ends(asked, &strict))?;
-    let (share, rank) = if has_opacities { (SHARE_OF_OPACITIES, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
+    let truth = trial.first(&with_far_ends((scene, asked), &strict))?;
+    let (share, rank) =
+        if scene.has_opacities() { (SHARE_OF_OPACITIES, 0.999) } else { (SHARE_OF_ENDS, 0.99) };
     first(from_the_nearest, |found| {
         let drawn = trial.first(found)?;
         let is_near = trial.difference(rank, [&truth, &drawn]) <= share * finest.tolerance;
@@ -180,13 +180,13 @@ fn nearest_ends(
 /// eighth of the tolerance; the last, which isn't judged, where none do.
 fn far_ends(
     trial: &Trial,
-    (settled, asked): (RenderSettings, &RenderSettings),
+    (scene, settled, asked): (&Scene, RenderSettings, &RenderSettings),
     finer: impl Iterator<Item = RenderSettings>,
 ) -> Result<RenderSettings, SceneError> {
     let mut best = settled;
     for finer in finer {
         let strict = RenderSettings { tolerance: TRUTH_OF_ENDS * best.tolerance, ..best };
-        let pictures = [trial.first(&with_far_ends(asked, &strict))?, trial.first(&best)?];
+        let pictures = [trial.first(&with_far_ends((scene, asked), &strict))?, trial.first(&best)?];
         if trial.difference(0.999, [&pictures[0], &pictures[1]]) <= SHARE_OF_OPACITIES * best.tolerance {
             break;
         }
@@ -262,26 +262,27 @@ fn levels(scene: &Scene, settings: &RenderSettings) -> Vec<f64> {
 }
 
 /// Settings that draw kernels to where opacities end, if it was not asked for another cut-off than the usual one.
-fn with_far_ends(asked: &RenderSettings, settings: &RenderSettings) -> RenderSettings {
+fn with_far_ends((scene, asked): (&Scene, &RenderSettings), settings: &RenderSettings) -> RenderSettings {
     let is_left_open = asked.cutoff == RenderSettings::default().cutoff;
-    let cutoff = if is_left_open { opacities_end(settings) } else { asked.cutoff };
+    let cutoff = if is_left_open { opacities_end(scene, settings) } else { asked.cutoff };
     RenderSettings { cutoff, ..*settings }
 }
 
 /// The cut-off where the densest opacity falls below the least that counts, no less than the usual one.
-fn opacities_end(settings: &RenderSettings) -> f64 {
-    settings.cutoff.max(-2.0 * settings.least_opacity().max(1e-9).ln())
+fn opacities_end(scene: &Scene, settings: &RenderSettings) -> f64 {
+    settings.cutoff.max(-2.0 * settings.least_opacity().max(scene.least_opacity()).max(1e-9).ln())
 }
 
 /// Settings with opacities that end at finer shares than usual; none where the scene has no opacities, or it was said where they end.
 fn finer_ends(
     (scene, asked): (&Scene, &RenderSettings),
     settings: RenderSettings,
-) -> impl Iterator<Item = RenderSettings> + use<> {
+) -> impl Iterator<Item = RenderSettings> {
     let is_left_open = scene.has_opacities() && asked.end_share == RenderSettings::default().end_share;
-    let asked = *asked;
-    let shares = FINER_SHARES.into_iter().filter(move |_| is_left_open);
-    shares.map(move |end_share| with_far_ends(&asked, &RenderSettings { end_share, ..settings }))
+    let tells = move |share: f64| is_left_open && settings.tolerance * share > scene.least_opacity();
+    let coarser = [settings.end_share].into_iter().chain(FINER_SHARES);
+    let shares = FINER_SHARES.into_iter().zip(coarser).filter(move |(_, coarser)| tells(*coarser));
+    shares.map(move |(end_share, _)| with_far_ends((scene, asked), &RenderSettings { end_share, ..settings }))
 }
 
 /// Settings with the ends that the scene's kernels may have, from the nearest to the farthest.
@@ -294,12 +295,20 @@ fn ends(scene: &Scene, settings: &RenderSettings) -> Vec<RenderSettings> {
         ends.push(*settings);
     }
     if scene.has_opacities() && settings.end_share == RenderSettings::default().end_share {
-        let shares = END_SHARES.into_iter().filter(|share| !has_extinctions || *share <= settings.end_share);
+        // As near as clouds' own ends no others tell.
+        let tells = |share: f64| settings.tolerance * share > scene.least_opacity();
+        let told = END_SHARES.iter().take_while(|share| tells(**share)).count();
+        let shares = END_SHARES
+            .into_iter()
+            .take(told + 1)
+            .filter(|share| !has_extinctions || *share <= settings.end_share);
         ends.extend(
-            shares.map(|end_share| with_far_ends(settings, &RenderSettings { end_share, ..*settings })),
+            shares.map(|end_share| {
+                with_far_ends((scene, settings), &RenderSettings { end_share, ..*settings })
+            }),
         );
     } else if has_extinctions || scene.has_opacities() {
-        ends.push(with_far_ends(settings, settings));
+        ends.push(with_far_ends((scene, settings), settings));
     } else {
         ends.push(*settings);
     }

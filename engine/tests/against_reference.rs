@@ -75,6 +75,7 @@ fn trained(size: f32, filter: OpacityFilter) -> Cloud {
         strength: Strength::Opacity {
             peaks: (0..count).map(|i| 0.3 + 0.1 * (i % 6) as f32).collect(),
             filter,
+            least: 0.0,
         },
         colors: (0..count).map(|i| [(i % 2) as f32, (i % 3) as f32 / 2.0, (i % 5) as f32 / 4.0]).collect(),
         harmonics: None,

@@ -37,6 +37,7 @@ fn trained(degree: u8) -> Splats {
         strength: Strength::Opacity {
             peaks: (0..SPLATS).map(|i| 0.2 + 0.7 * random(900 + i)).collect(),
             filter: OpacityFilter::Compensated,
+            least: 0.0,
         },
         colors: (0..SPLATS).map(|i| vector(400 + i).abs().to_array()).collect(),
         harmonics: Some(Harmonics { degree, coefficients: (0..SPLATS * per_splat).map(color).collect() }),

@@ -203,8 +203,11 @@ fn forms_and_opacities_keep_to_it() {
     assert_alike("exact", &differences);
     assert!(share < 0.6, "{share}");
     let mut splats = core(0.04).splats();
-    splats.strength =
-        Strength::Opacity { peaks: vec![0.05; splats.centers.len()], filter: OpacityFilter::Compensated };
+    splats.strength = Strength::Opacity {
+        peaks: vec![0.05; splats.centers.len()],
+        filter: OpacityFilter::Compensated,
+        least: 0.0,
+    };
     let (differences, share) = compare(vec![Cloud::new(splats).unwrap()], &near(), &colors_only());
     assert_alike("opacities", &differences);
     assert!(share < 0.6, "{share}");

@@ -81,6 +81,7 @@ fn trained(count: usize, factor: impl Fn(usize) -> Mat3) -> Cloud {
         strength: Strength::Opacity {
             peaks: (0..count).map(|i| 0.5 + 0.49 * noise(i, 0.618)).collect(),
             filter: OpacityFilter::Compensated,
+            least: 0.0,
         },
         colors: (0..count).map(color).collect(),
         harmonics: Some(Harmonics {

@@ -5,7 +5,10 @@
 mod scenes;
 
 use glam::{DVec3, Mat3, Vec3};
-use oblate_engine::{Camera, Cloud, Material, OpacityFilter, Pose, RenderSettings, Shapes, Splats, Strength};
+use oblate_engine::{
+    Camera, Cloud, Material, OpacityFilter, Pose, RenderSettings, Scene, Shapes, Splats, Strength,
+    reference::{ReferenceKind, reference},
+};
 use scenes::{draw, unshaded};
 
 const SIZE: u32 = 9;
@@ -14,11 +17,11 @@ const PEAK: f32 = 0.8;
 const OFFSET: [f32; 2] = [0.2, -0.3];
 
 /// A kernel with these half-axes in pixels where a pixel is 1 wide.
-fn cloud(sigmas: [f32; 2], filter: OpacityFilter) -> Cloud {
+fn cloud(sigmas: [f32; 2], filter: OpacityFilter, [peak, least]: [f32; 2]) -> Cloud {
     Cloud::new(Splats {
         centers: vec![Vec3::new(OFFSET[0], OFFSET[1], 0.0)],
         shapes: Shapes::Shared(Mat3::from_diagonal(Vec3::new(sigmas[0], sigmas[1], sigmas[0]))),
-        strength: Strength::Opacity { peaks: vec![PEAK], filter },
+        strength: Strength::Opacity { peaks: vec![peak], filter, least },
         colors: vec![[1.0; 3]],
         harmonics: None,
         normals: None,
@@ -55,7 +58,7 @@ fn the_filter_widens_and_dims_or_not() {
         let share = variances.iter().product::<f64>() / widened.iter().product::<f64>();
         for (filter, share) in [(OpacityFilter::Classic, 1.0), (OpacityFilter::Compensated, share.sqrt())] {
             for camera in cameras() {
-                let found = seen(cloud(sigmas, filter), &camera, &settings);
+                let found = seen(cloud(sigmas, filter, [PEAK, 0.0]), &camera, &settings);
                 for (index, found) in found.into_iter().enumerate() {
                     let place = [index % SIZE as usize, index / SIZE as usize];
                     let r: f64 = (0..2)
@@ -78,11 +81,54 @@ fn without_a_filter_both_are_the_same() {
     let settings = RenderSettings { low_pass: 0.0, ..unshaded() };
     for camera in cameras() {
         let [classic, compensated] = [OpacityFilter::Classic, OpacityFilter::Compensated]
-            .map(|filter| seen(cloud([0.7, 1.1], filter), &camera, &settings));
+            .map(|filter| seen(cloud([0.7, 1.1], filter, [PEAK, 0.0]), &camera, &settings));
         assert!(classic.iter().any(|alpha| *alpha > 0.5));
         for (a, b) in classic.into_iter().zip(compensated) {
             // The area over itself, to rounding.
             assert!((a - b).abs() < 1e-6, "{a} is not {b}");
+        }
+    }
+}
+
+/// Where its Gaussian, not yet dimmed, has fallen to the least opacity a kernel ends; in the reference, too.
+#[test]
+fn kernels_end_at_their_least_opacity() {
+    let settings = RenderSettings { cutoff: 30.0, tolerance: 1e-5, ..unshaded() };
+    let least = Strength::LEAST_OF_TRAINED;
+    let sigmas = [0.8, 1.7];
+    let widened = sigmas.map(|sigma| sigma * sigma + settings.low_pass);
+    let share = (sigmas[0] * sigmas[1]).powi(2) / widened.iter().product::<f64>();
+    for (filter, share) in [(OpacityFilter::Classic, 1.0), (OpacityFilter::Compensated, share.sqrt())] {
+        for (peak, camera) in
+            [0.03, 0.7, 1.0].into_iter().flat_map(|peak| cameras().map(|camera| (peak, camera)))
+        {
+            let scene = cloud(sigmas.map(|sigma| sigma as f32), filter, [peak, least]);
+            let found = seen(scene.clone(), &camera, &settings);
+            let scene = Scene { clouds: vec![scene], lights: Vec::new() };
+            let reference = reference(&scene, &camera, &settings, ReferenceKind::R1, &|_| {}).unwrap();
+            let reference = reference.color.iter().map(|pixel| f64::from(pixel[3]));
+            let (mut whole, mut ended) = (0, 0);
+            for (index, (found, reference)) in found.into_iter().zip(reference).enumerate() {
+                let place = [index % SIZE as usize, index / SIZE as usize];
+                let r: f64 = (0..2)
+                    .map(|axis| place[axis] as f64 - 4.0 - f64::from(OFFSET[axis]))
+                    .zip(widened)
+                    .map(|(offset, variance)| offset * offset / variance)
+                    .sum();
+                let undimmed = f64::from(peak) * (-0.5 * r).exp();
+                // No pixel is as near to an end as rounding is.
+                assert!((undimmed / f64::from(least) - 1.0).abs() > 1e-3, "{place:?} tells nothing");
+                let alpha = if undimmed > f64::from(least) { undimmed * share } else { 0.0 };
+                whole += usize::from(alpha > 0.0);
+                ended += usize::from(alpha == 0.0 && undimmed > 1e-4);
+                for found in [found, reference] {
+                    assert!(
+                        (found - alpha).abs() <= 2e-5,
+                        "{peak}, {filter:?} at {place:?}: {found} is not {alpha}"
+                    );
+                }
+            }
+            assert!(whole > 5 && ended > 5, "{whole} and {ended} pixels");
         }
     }
 }

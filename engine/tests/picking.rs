@@ -193,7 +193,8 @@ fn trained_splats_are_picked_whole() {
     // Nearer ones last, as ids go; the first that takes the sum of optical depths to half of what is seen.
     let centers: Vec<Vec3> = (0..5).map(|i| Vec3::Z * (i as f32 * 0.05)).collect();
     let opacities = |peaks: [f32; 5]| {
-        let strength = Strength::Opacity { peaks: peaks.to_vec(), filter: OpacityFilter::Classic };
+        let strength =
+            Strength::Opacity { peaks: peaks.to_vec(), filter: OpacityFilter::Classic, least: 0.0 };
         scene(vec![kernels(&centers, 0.2, strength)])
     };
     let settings = RenderSettings::default();

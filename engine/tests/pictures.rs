@@ -302,7 +302,7 @@ fn unlit_splats_show_their_colours_whatever_the_lights() {
     let surface = plane(20, 0.05, color);
     let extinction = kernels(vec![Vec3::ZERO], Mat3::IDENTITY, 1e4, color);
     let mut trained = extinction.splats();
-    trained.strength = Strength::Opacity { peaks: vec![1.0], filter: OpacityFilter::Classic };
+    trained.strength = Strength::Opacity { peaks: vec![1.0], filter: OpacityFilter::Classic, least: 0.0 };
     let camera = camera(5.0, 9);
     let aside = Light::Directional { towards: DVec3::new(0.6, 0.0, -0.8), color: [0.5; 3] };
     let ambient = Light::Ambient { color: [0.3, 0.0, 2.0] };

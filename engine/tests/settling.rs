@@ -35,7 +35,7 @@ fn what_crowds_lack_where_they_end_stays_within_the_tolerance() {
     let crowd = Cloud::new(Splats {
         centers,
         shapes: Shapes::Shared(Mat3::from_diagonal(Vec3::splat(0.004))),
-        strength: Strength::Opacity { peaks: vec![0.1; count], filter: OpacityFilter::Classic },
+        strength: Strength::Opacity { peaks: vec![0.1; count], filter: OpacityFilter::Classic, least: 0.0 },
         colors: vec![[1.0; 3]; count],
         harmonics: None,
         normals: None,
@@ -78,7 +78,11 @@ fn faint_crowds_end_finer() {
             Cloud::new(Splats {
                 centers: centers.clone(),
                 shapes: Shapes::Shared(Mat3::from_diagonal(Vec3::splat(0.1))),
-                strength: Strength::Opacity { peaks: vec![peak; count], filter: OpacityFilter::Classic },
+                strength: Strength::Opacity {
+                    peaks: vec![peak; count],
+                    filter: OpacityFilter::Classic,
+                    least: 0.0,
+                },
                 colors: vec![[1.0; 3]; count],
                 harmonics: None,
                 normals: None,

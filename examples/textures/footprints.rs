@@ -44,7 +44,7 @@ fn single(center: DVec3, factor: DMat3) -> Result<Cloud, CloudError> {
     Cloud::new(Splats {
         centers: vec![center.as_vec3()],
         shapes: Shapes::Shared(factor.as_mat3()),
-        strength: Strength::Opacity { peaks: vec![1.0], filter: OpacityFilter::Classic },
+        strength: Strength::Opacity { peaks: vec![1.0], filter: OpacityFilter::Classic, least: 0.0 },
         colors: vec![[1.0; 3]],
         harmonics: None,
         normals: None,

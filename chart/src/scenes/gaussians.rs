@@ -39,7 +39,7 @@ pub fn trained(count: usize) -> Splats {
     Splats {
         centers,
         shapes: Shapes::Each(factors),
-        strength: Strength::Opacity { peaks, filter: OpacityFilter::Compensated },
+        strength: Strength::Opacity { peaks, filter: OpacityFilter::Compensated, least: 0.0 },
         colors,
         harmonics: Some(Harmonics { degree: 3, coefficients }),
         normals: None,
@@ -79,7 +79,7 @@ fn place(random: &mut Random) -> Place {
 
 /// The same splats as extinction kernels whose opacities have the same peaks in a picture.
 pub fn as_extinction(mut splats: Splats, camera: &Camera, settings: &RenderSettings) -> Splats {
-    let (Strength::Opacity { peaks, filter }, Shapes::Each(factors)) = (&splats.strength, &splats.shapes)
+    let (Strength::Opacity { peaks, filter, .. }, Shapes::Each(factors)) = (&splats.strength, &splats.shapes)
     else {
         return splats;
     };

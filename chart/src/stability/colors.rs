@@ -28,7 +28,7 @@ fn camera() -> Camera {
 
 /// A splat so wide that its opacity is its peak everywhere.
 fn splat(opacity: f32) -> Scene {
-    let strength = Strength::Opacity { peaks: vec![opacity], filter: OpacityFilter::Classic };
+    let strength = Strength::Opacity { peaks: vec![opacity], filter: OpacityFilter::Classic, least: 0.0 };
     let shapes = Shapes::Shared(Mat3::from_diagonal(Vec3::new(2e4, 2e4, 1.0)));
     scene(vec![splats(vec![Vec3::ZERO], shapes, strength, vec![COLOR])])
 }

@@ -50,7 +50,9 @@ fn shuffled(splats: &Splats, seed: usize) -> Splats {
         },
         strength: match &splats.strength {
             Strength::Extinction { masses } => Strength::Extinction { masses: take(masses) },
-            Strength::Opacity { peaks, filter } => Strength::Opacity { peaks: take(peaks), filter: *filter },
+            Strength::Opacity { peaks, filter, least } => {
+                Strength::Opacity { peaks: take(peaks), filter: *filter, least: *least }
+            }
             Strength::Surface(surface) => Strength::Surface(surface.clone()),
         },
         ..splats.clone()

@@ -23,7 +23,7 @@ fn sound() -> Splats {
     Splats {
         centers: vec![Vec3::ZERO, Vec3::Z],
         shapes: Shapes::Each(vec![Mat3::from_diagonal(Vec3::splat(0.3)); 2]),
-        strength: Strength::Opacity { peaks: vec![0.5; 2], filter: OpacityFilter::Classic },
+        strength: Strength::Opacity { peaks: vec![0.5; 2], filter: OpacityFilter::Classic, least: 0.0 },
         colors: vec![[0.5; 3]; 2],
         harmonics: None,
         normals: None,
@@ -55,7 +55,8 @@ fn refusals() -> Vec<Result<(), String>> {
             cloud_with(|s| s.normals = Some(vec![Vec3::Z, Vec3::X * bad])),
             cloud_with(|s| s.strength = masses([1.0, bad])),
             cloud_with(|s| {
-                s.strength = Strength::Opacity { peaks: vec![bad, 0.5], filter: OpacityFilter::Classic }
+                s.strength =
+                    Strength::Opacity { peaks: vec![bad, 0.5], filter: OpacityFilter::Classic, least: 0.0 }
             }),
             cloud_with(|s| s.material.specular = bad),
             with_settings(RenderSettings { background: [0.0, bad, 0.0, 1.0], ..unshaded() }),
@@ -70,7 +71,8 @@ fn refusals() -> Vec<Result<(), String>> {
     results.extend([
         cloud_with(|s| s.strength = masses([-1.0, 1.0])),
         cloud_with(|s| {
-            s.strength = Strength::Opacity { peaks: vec![1.5, 0.5], filter: OpacityFilter::Classic }
+            s.strength =
+                Strength::Opacity { peaks: vec![1.5, 0.5], filter: OpacityFilter::Classic, least: 0.0 }
         }),
         // Files that end too soon.
         cloud_with(|s| s.colors.truncate(1)),
@@ -169,7 +171,10 @@ fn extremes() -> Vec<(Splats, bool)> {
             true,
         ),
         (
-            with(&|s| s.strength = Strength::Opacity { peaks: vec![1.0; 2], filter: OpacityFilter::Classic }),
+            with(&|s| {
+                s.strength =
+                    Strength::Opacity { peaks: vec![1.0; 2], filter: OpacityFilter::Classic, least: 0.0 }
+            }),
             true,
         ),
     ]);

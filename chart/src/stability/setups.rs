@@ -107,7 +107,7 @@ pub(super) fn trained(count: usize, radius: f32) -> Cloud {
     let factor = |i| oblate_factor(direction(i + 1000).as_vec3(), radius, 1.0 + (i % 4) as f32);
     let peaks = indices.clone().map(|i| 0.3 + 0.1 * (i % 6) as f32).collect();
     let color = |i: usize| [(i % 2) as f32, (i % 3) as f32 / 2.0, (i % 5) as f32 / 4.0];
-    let strength = Strength::Opacity { peaks, filter: OpacityFilter::Classic };
+    let strength = Strength::Opacity { peaks, filter: OpacityFilter::Classic, least: 0.0 };
     let shapes = Shapes::Each(indices.clone().map(factor).collect());
     splats(indices.clone().map(center).collect(), shapes, strength, indices.map(color).collect())
 }
@@ -200,7 +200,7 @@ pub(super) fn ahead(focal: f64, center: DVec2, size: u32) -> Camera {
 
 /// One kernel of a peak opacity.
 pub(super) fn kernel(center: DVec3, factor: Mat3, peak: f32, filter: OpacityFilter) -> Cloud {
-    let strength = Strength::Opacity { peaks: vec![peak], filter };
+    let strength = Strength::Opacity { peaks: vec![peak], filter, least: 0.0 };
     splats(vec![center.as_vec3()], Shapes::Shared(factor), strength, vec![[1.0; 3]])
 }
 

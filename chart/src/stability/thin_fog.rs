@@ -29,7 +29,7 @@ fn drawn(is_trained: bool, settings: &RenderSettings, count: usize, depth: f64) 
     let camera = Camera::orthographic(pose, 0.01, [1; 2]).expect("the size is in range");
     let strength = if is_trained {
         let peaks = vec![-(-depth).exp_m1() as f32; count];
-        Strength::Opacity { peaks, filter: OpacityFilter::Compensated }
+        Strength::Opacity { peaks, filter: OpacityFilter::Compensated, least: 0.0 }
     } else {
         Strength::Extinction { masses: vec![mass_of(depth as f32, Mat3::IDENTITY); count] }
     };

@@ -55,7 +55,7 @@ fn star(is_trained: bool) -> Cloud {
     let factors: Vec<Mat3> = (0..3).map(shape).collect();
     let strength = if is_trained {
         let peaks = vec![1.0 - (-1f32).exp(); 3];
-        Strength::Opacity { peaks, filter: OpacityFilter::Compensated }
+        Strength::Opacity { peaks, filter: OpacityFilter::Compensated, least: 0.0 }
     } else {
         Strength::Extinction { masses: factors.iter().map(|factor| mass_of(1.0, *factor)).collect() }
     };
@@ -94,7 +94,11 @@ fn box_turn(how: How, angles: impl Iterator<Item = f64>) -> Vec<f64> {
 /// By how much two round splats, white and black, change a pixel when turning by 0.1° puts the other one's centre in front.
 fn swap(how: How, depth: f32, is_trained: bool) -> f64 {
     let strength = if is_trained {
-        Strength::Opacity { peaks: vec![1.0 - (-depth).exp(); 2], filter: OpacityFilter::Compensated }
+        Strength::Opacity {
+            peaks: vec![1.0 - (-depth).exp(); 2],
+            filter: OpacityFilter::Compensated,
+            least: 0.0,
+        }
     } else {
         Strength::Extinction { masses: vec![mass_of(depth, Mat3::IDENTITY); 2] }
     };

@@ -98,7 +98,8 @@ fn textured() -> Cloud {
 /// The same plane as trained Gaussians without compensation.
 fn trained(plane: &Cloud) -> Cloud {
     let mut splats = plane.splats();
-    splats.strength = Strength::Opacity { peaks: vec![0.95; plane.len()], filter: OpacityFilter::Classic };
+    splats.strength =
+        Strength::Opacity { peaks: vec![0.95; plane.len()], filter: OpacityFilter::Classic, least: 0.0 };
     splats.shapes = Shapes::Shared(Mat3::from_diagonal(Vec3::new(0.6, 0.6, 0.0)));
     splats.normals = None;
     Cloud::new(splats).expect("peaks are in range")

@@ -52,18 +52,18 @@ impl Coming {
         }
         // Records are not in the cache. The loop is so short that most are on their way at once; to round numbers there would make it
         // long.
-        let slabs_of = |record: u32| all[record as usize].amplitude_slope_or_slabs;
-        let mut ends = [[0.0; BATCH]; 2];
+        let mut numbers = [[0.0; BATCH]; 2];
         for (place, record) in records.iter().enumerate() {
-            [ends[0][place], ends[1][place]] = slabs_of(*record);
+            [numbers[0][place], numbers[1][place]] = all[*record as usize].amplitude_slope_or_slabs;
         }
-        if pieces.is_empty() && slabs.set_whole(simd, &ends, MOST_OPEN) {
+        if pieces.is_empty() && slabs.set_whole(simd, &numbers, MOST_OPEN) {
             *list = list.as_slice()[records.len()..].iter();
             return !records.is_empty();
         }
+        let slabs_of = |first: f32, record: u32| [first, all[record as usize].last_slab()];
         let mut ahead = [(0, [0.0; 2]); BATCH];
         for (place, (ahead, record)) in ahead.iter_mut().zip(&*records).enumerate() {
-            *ahead = (*record, [ends[0][place], ends[1][place]]);
+            *ahead = (*record, slabs_of(numbers[0][place], *record));
         }
         let mut ahead = ahead[..records.len()].iter();
         records.clear();
@@ -73,7 +73,7 @@ impl Coming {
             let is_next = |piece: &mut Piece| next.is_none_or(|(_, slabs)| piece.first <= slabs[0] as u32);
             let piece = pieces.pop_front_if(is_next);
             let (record, [first, mut last]) = match (&piece, next) {
-                (Some(piece), _) => (piece.record, [piece.first as f32, slabs_of(piece.record)[1]]),
+                (Some(piece), _) => (piece.record, slabs_of(piece.first as f32, piece.record)),
                 (None, Some(next)) => {
                     list.next();
                     ahead.next();

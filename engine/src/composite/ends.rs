@@ -181,7 +181,6 @@ mod tests {
                 lens,
                 near: camera.near() as f32,
                 cutoff: cutoff as f32,
-                least_alpha: settings.least_opacity() as f32,
                 closing,
                 is_taylor: false,
                 reach_to_cuts: 4.0,

@@ -9,6 +9,7 @@ mod wide;
 
 pub use ewa::{CameraSplat, Footprint, Hit, Lens};
 pub(crate) use octet::{Octet, Part};
+pub(crate) use record::MOST_END;
 pub use record::{Form, Kind, Record, RecordHit, Rect, Tag};
 pub(crate) use scalar::EVENLY_COVERED;
 

@@ -67,7 +67,8 @@ pub struct Record {
     /// dz/du at the centre, in world units a pixel.
     pub depth_slope: [f32; 2],
     /// Of a surface sample the change of its amplitude a pixel, as n·v changes along the picture: where its plane is follows from
-    /// it. Of a volume kernel the first and the last slab that it may touch, where there are slabs.
+    /// it. Of a volume kernel the first slab that it may touch, where there are slabs, and how many more; the fraction of that number says where an
+    /// opacity [ends](Self::end).
     pub amplitude_slope_or_slabs: [f32; 2],
     /// Shaded colour of a volume kernel; base colour of a surface sample. In the blend space.
     pub color: [f32; 3],
@@ -140,6 +141,9 @@ pub struct RecordHit {
     pub scale: f32,
 }
 
+/// Fractions say where an opacity ends in units of this; it ends sooner, though its Gaussian has fallen to 1e-19 there.
+pub(crate) const MOST_END: f32 = 64.0;
+
 impl Record {
     /// Nothing.
     pub(crate) const BLANK: Self = Self {
@@ -167,6 +171,20 @@ impl Record {
             color: [0.0; 3],
             tag: Tag { cloud: 0, kind: Kind::Extinction, form },
         }
+    }
+
+    /// Where an opacity ends, as the power of 1/2 that its Gaussian falls to.
+    #[cfg(test)]
+    pub(crate) fn end(&self) -> f32 {
+        let [_, number] = self.amplitude_slope_or_slabs;
+        number.fract() * MOST_END
+    }
+
+    /// The last slab that a volume kernel may touch, from its first one and how many follow.
+    #[inline(always)]
+    pub(crate) fn last_slab(&self) -> f32 {
+        let [first, number] = self.amplitude_slope_or_slabs;
+        first + number.trunc()
     }
 
     /// The footprint at offset (x, y) pixels from `mean`.

@@ -2,7 +2,7 @@
 //! that reach the camera plane or cover no area of their own.
 
 use super::ewa::{CameraSplat, Footprint, Lens, MEAN_DEVIATION};
-use super::record::{Form, Kind, Record, Rect};
+use super::record::{Form, Kind, MOST_END, Record, Rect};
 use super::{Projected, SurfaceSample, cutoff_gain};
 use crate::camera::{Camera, Projection};
 use crate::closing::Closing;
@@ -145,7 +145,9 @@ impl<'a> Projector<'a> {
         let narrower = footprint;
         let footprint = if form == Form::Point { narrower.round() } else { narrower };
         let attenuation = match splats.kind {
-            columns::Kind::Opacity(OpacityFilter::Compensated) => footprint.filter_attenuation(&splat, lens),
+            columns::Kind::Opacity { filter: OpacityFilter::Compensated, .. } => {
+                footprint.filter_attenuation(&splat, lens)
+            }
             _ => footprint.unit_integral / narrower.unit_integral,
         };
         let own = f64::from(splats.strength(index));
@@ -154,11 +156,15 @@ impl<'a> Projector<'a> {
             let more = (f64::from(sums.row(index)[0]) - own).max(0.0);
             more * lens.filter_sigma.powi(2) * footprint.root_area()
         });
-        let peak = ((own + of_filter) * attenuation).min(LARGEST_ALPHA);
-        let bounded = match splats.kind {
-            columns::Kind::Opacity(_) => opacity_cutoff(peak, settings),
-            _ => cutoff,
+        let undimmed = own + of_filter;
+        let peak = (undimmed * attenuation).min(LARGEST_ALPHA);
+        let end = match splats.kind {
+            columns::Kind::Opacity { least, .. } => {
+                opacity_end([peak, undimmed], [settings.least_opacity(), least.into()])
+            }
+            _ => f64::INFINITY,
         };
+        let bounded = cutoff.min(end);
         if bounded < 0.0 {
             return None;
         }
@@ -191,9 +197,11 @@ impl<'a> Projector<'a> {
                 record.amplitude = single(mass * footprint.unit_integral * length);
                 record.color = shaded(normal);
             }
-            columns::Kind::Opacity(_) => {
+            columns::Kind::Opacity { .. } => {
                 record.tag.kind = Kind::Opacity;
                 record.amplitude = peak as f32;
+                let end = end / (2.0 * std::f64::consts::LN_2 * f64::from(MOST_END));
+                record.amplitude_slope_or_slabs[1] = end.min(1.0 - f64::from(MOST_END).recip()) as f32;
                 record.color = shaded(normal);
             }
             columns::Kind::Surface(surface) => {
@@ -232,12 +240,14 @@ impl<'a> Projector<'a> {
             let [x, y, z] = [splat.factor.x_axis, splat.factor.y_axis, splat.factor.z_axis];
             let trace = x.length_squared() + y.length_squared() + z.length_squared() + filter.powi(2);
             let along = [f64::from(distance), footprint.sigma_z * ray.length(), (cutoff * trace).sqrt()];
-            record.amplitude_slope_or_slabs = if closing.takes_whole(&splats.kind) {
+            let [first, last] = if closing.takes_whole(&splats.kind) {
                 [closing.center_of_one(distance); 2]
             } else {
                 closing.numbers_of_one(splat.center.as_vec3(), along)
             };
-            distance = record.amplitude_slope_or_slabs[0];
+            let [_, end] = record.amplitude_slope_or_slabs;
+            record.amplitude_slope_or_slabs = [first, last - first + end];
+            distance = first;
         }
         if settings.color_by_form {
             record.color = form.color();
@@ -350,8 +360,12 @@ fn least_between_cells(overlap: f64, attenuation: f64) -> f64 {
     1.0 - 4.0 * (-std::f64::consts::PI.powi(2) * overlap * (1.0 + 1.0 / attenuation)).exp()
 }
 
-/// Where a kernel of a given peak opacity ends: at the cut-off, or where it falls below the least opacity; below 0 if it
-/// never reaches that. Trained scenes are trained with such a cut, at 1/255.
-fn opacity_cutoff(peak: f64, settings: &RenderSettings) -> f64 {
-    settings.cutoff.min(2.0 * (peak / settings.least_opacity()).ln())
+/// Opacities below this count as if they were this.
+pub(super) const LEAST_OPACITY: f64 = 1e-30;
+
+/// Where a kernel ends whose peaks, as the filter leaves it and by itself, fall below the least opacities, of pictures and of the cloud; below 0 if one never
+/// reaches that.
+fn opacity_end(peaks: [f64; 2], least: [f64; 2]) -> f64 {
+    let end = |i: usize| 2.0 * (peaks[i] / least[i].max(LEAST_OPACITY)).ln();
+    end(0).min(end(1))
 }

@@ -103,9 +103,16 @@ impl Family {
 impl Member {
     fn new(columns: &Columns, index: usize) -> Self {
         let factor = columns.factor(index).as_dmat3();
-        let covariance = factor * factor.transpose();
-        let strength = f64::from(columns.strength(index));
+        let mut covariance = factor * factor.transpose();
+        let mut strength = f64::from(columns.strength(index));
         let across = factor.x_axis.cross(factor.y_axis);
+        let mut shadow = 0.0;
+        if let Kind::Opacity { least, .. } = columns.kind {
+            shadow = mean_shadow(covariance);
+            let [light, variance] = kept_to_end(f64::from(least) / strength);
+            strength *= light;
+            covariance *= variance;
+        }
         let orientation = match &columns.orientations {
             Some(orientations) => Orientation::of_numbers(orientations.row(index)),
             None => Orientation::of(across.normalize_or_zero()),
@@ -128,9 +135,19 @@ impl Member {
                 .map_or(strength, |sums| f64::from(sums.row(index)[0])),
             share: match columns.kind {
                 Kind::Extinction | Kind::Surface(_) => strength,
-                Kind::Opacity(_) => strength * mean_shadow(covariance),
+                Kind::Opacity { .. } => strength * shadow,
             },
         }
+    }
+}
+
+/// What is left of the light and of the variances of a Gaussian in the picture that ends where it has fallen to a share q of its peak: 1 − q, and
+/// 1 + q ln q/(1 − q).
+fn kept_to_end(q: f64) -> [f64; 2] {
+    if q > 0.0 && q < 1.0 {
+        [1.0 - q, 1.0 + q * q.ln() / (1.0 - q)]
+    } else {
+        [if q >= 1.0 { 0.0 } else { 1.0 }, 1.0]
     }
 }
 

@@ -48,7 +48,8 @@ pub(super) fn coarser(below: &Level, tolerance: f64) -> Level {
         shapes: Shapes::Each(merged.iter().map(|m| m.factor).collect()),
         strength: match columns.kind {
             Kind::Extinction => Strength::Extinction { masses: strengths },
-            Kind::Opacity(filter) => Strength::Opacity { peaks: strengths, filter },
+            // What its members lack where they end it lacks all over.
+            Kind::Opacity { filter, .. } => Strength::Opacity { peaks: strengths, filter, least: 0.0 },
             Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, ref closed, .. }) => {
                 let opacities = columns.opacities.as_ref().map(|_| column(|m| m.opacity));
                 Strength::Surface(Surface {
@@ -89,7 +90,7 @@ pub(super) fn coarser(below: &Level, tolerance: f64) -> Level {
         above.orientations = Some(Column::new(orientations, |numbers| *numbers));
         above.grains = Some(Column::new(column(|m| m.grain), |grain| [*grain]));
     }
-    if let Kind::Opacity(OpacityFilter::Classic) = columns.kind {
+    if let Kind::Opacity { filter: OpacityFilter::Classic, .. } = columns.kind {
         above.opacities_of_own = Some(Column::new(column(|m| m.opacity_of_own), |sum| [*sum]));
     }
     let needs = column(|m| m.need);
@@ -129,7 +130,7 @@ impl Merged {
                 strength = family.weight;
                 factor = lower_factor(covariance);
             }
-            Kind::Opacity(_) => {
+            Kind::Opacity { .. } => {
                 normals = turned(family, |m| m.normal);
                 let shadow = mean_shadow(covariance);
                 strength = if shadow > 0.0 { (family.weight / shadow).min(1.0) } else { 0.0 };
@@ -158,7 +159,7 @@ impl Merged {
             let lit = family.average(|m| if m.normal == DVec3::ZERO { 0.0 } else { 1.0 });
             normal /= lit.max(f64::MIN_POSITIVE);
         }
-        let color = if matches!(columns.kind, Kind::Opacity(_)) {
+        let color = if matches!(columns.kind, Kind::Opacity { .. }) {
             // Trained colours are mixed as they are seen.
             let encoded = family.mean(|m| m.color.map(|c| f64::from(linear_to_srgb(c as f32))));
             encoded.to_array().map(|c| srgb_to_linear(c as f32))

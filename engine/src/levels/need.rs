@@ -112,7 +112,7 @@ impl Terms {
         let lateral = trace(family.covariance()) / if is_surface { 2.0 } else { 3.0 };
         let depth = match columns.kind {
             Kind::Extinction | Kind::Surface(_) => strength / TAU,
-            Kind::Opacity(_) => strength * lateral,
+            Kind::Opacity { .. } => strength * lateral,
         };
         let mut terms = Self {
             own: if is_surface { middle } else { least },
@@ -145,7 +145,7 @@ impl Terms {
             terms.random[0] =
                 SHADING * turned * per_radian + HIDDEN * hidden * lit * colors.max_element().sqrt();
         }
-        if let Kind::Opacity(filter) = columns.kind {
+        if let Kind::Opacity { filter, .. } = columns.kind {
             terms.overlap = OVERLAP;
             terms.factor = if filter == OpacityFilter::Classic { CLASSIC } else { 1.0 };
         }

@@ -54,7 +54,7 @@ fn surface(closed: Closed) -> impl Fn(Vec<f32>) -> Strength {
 fn clouds(count: usize) -> Vec<Cloud> {
     let all = [
         splats(count, |masses| Strength::Extinction { masses }),
-        splats(count, |peaks| Strength::Opacity { peaks, filter: OpacityFilter::Compensated }),
+        splats(count, |peaks| Strength::Opacity { peaks, filter: OpacityFilter::Compensated, least: 0.0 }),
         splats(count, surface(Closed::EVERYWHERE)),
         splats(count, surface(Closed::Sided)),
         splats(count, surface(Closed::Nowhere)),
@@ -70,18 +70,29 @@ fn sums(columns: &Columns) -> Vec<f64> {
         let factor = columns.factor(index).as_dmat3();
         let covariance = factor * factor.transpose();
         let center = columns.center(index).as_dvec3();
-        let shadow = if let Kind::Opacity(_) = columns.kind { family::mean_shadow(covariance) } else { 1.0 };
+        let shadow =
+            if let Kind::Opacity { .. } = columns.kind { family::mean_shadow(covariance) } else { 1.0 };
         // Of surfaces, by opacity.
         let color = columns.color(index).map(|c| match columns.kind {
-            Kind::Opacity(_) => linear_to_srgb(c),
+            Kind::Opacity { .. } => linear_to_srgb(c),
             Kind::Surface(_) => c * columns.opacity(index),
             _ => c,
         });
         let coefficients = columns.harmonics.as_ref().unwrap().row(index).flatten().map(f64::from);
-        let moments = covariance + family::outer(center, center);
+        let mut strength = f64::from(columns.strength(index));
+        let mut moments = covariance;
+        if let Kind::Opacity { least, .. } = columns.kind {
+            // ∫ o e^{-s} ds and ∫ s o e^{-s} ds, with s half the squared distance in σ, to where the opacity is the least.
+            let least = f64::from(least);
+            if least > 0.0 && strength > least {
+                moments *= (strength - least * (1.0 + (strength / least).ln())) / (strength - least);
+            }
+            strength = (strength - least).max(0.0);
+        }
+        moments += family::outer(center, center);
         let values = std::iter::once(1.0).chain(center.to_array()).chain(moments.to_cols_array());
         let looks = color.map(f64::from).into_iter().chain(columns.normal(index).as_dvec3().to_array());
-        let weight = f64::from(columns.strength(index)) * shadow;
+        let weight = strength * shadow;
         for (sum, value) in sums.iter_mut().zip(values.chain(looks).chain(coefficients)) {
             *sum += weight * value;
         }
@@ -104,17 +115,20 @@ fn assert_kept(cloud: &Cloud, kept: impl Fn(usize) -> bool) {
 
 #[test]
 fn volumes_keep_mass_mean_covariance_and_looks() {
-    let [volume, mut trained] = clouds(5000).try_into().map(|[a, b, ..]: [Cloud; 5]| [a, b]).unwrap();
+    let [volume, trained] = clouds(5000).try_into().map(|[a, b, ..]: [Cloud; 5]| [a, b]).unwrap();
     assert_eq!(volume.levels().iter().map(|level| level.columns.len).collect::<Vec<_>>(), [5000, 1250, 313]);
     // Normals are kept but for their signs.
     assert_kept(&volume, |number| !(16..19).contains(&number));
-    // Opacities are at most 1: thin ones stay below.
-    let mut thin = trained.splats();
-    if let Strength::Opacity { peaks, .. } = &mut thin.strength {
-        peaks.iter_mut().for_each(|peak| *peak *= 1e-3);
+    // Opacities are at most 1: thin ones stay below. What they don't show where they end is shown by none.
+    for end in [0.0, 1e-5, 2e-4] {
+        let mut thin = trained.splats();
+        if let Strength::Opacity { peaks, least, .. } = &mut thin.strength {
+            peaks.iter_mut().for_each(|peak| *peak *= 1e-3);
+            *least = end;
+        }
+        let thin = Cloud::new(thin).unwrap().with_levels();
+        assert_kept(&thin, |number| !(16..19).contains(&number));
     }
-    trained = Cloud::new(thin).unwrap().with_levels();
-    assert_kept(&trained, |number| !(16..19).contains(&number));
 }
 
 #[test]

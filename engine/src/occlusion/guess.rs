@@ -201,7 +201,7 @@ fn optical_area(sight: &Sight, cloud: &Cloud, range: &VisibleRange) -> f64 {
     let blocks = sampled(range, SAMPLED);
     let count = blocks.clone().count() * LANES;
     let sum = dispatch!(Level::best(), simd => match columns.kind {
-        Kind::Opacity(_) => {
+        Kind::Opacity { .. } => {
             // ∫ of a Gaussian footprint over the picture: 2π √D₀.
             // n·v₀ of a cross product of half-axes in camera space is that of the same in cloud space with another vector.
             let along = (linear.inverse() * ray * linear.determinant()).as_vec3();

@@ -30,7 +30,7 @@ fn cloud(count: usize, kind: usize, seed: u64) -> Cloud {
     let factors = (0..count).map(|_| factor(vector(), vector())).collect();
     let strength = match kind {
         0 => Strength::Extinction { masses: vec![0.01; count] },
-        1 => Strength::Opacity { peaks: vec![0.6; count], filter: OpacityFilter::Classic },
+        1 => Strength::Opacity { peaks: vec![0.6; count], filter: OpacityFilter::Classic, least: 0.0 },
         _ => Strength::Surface(Surface {
             areas: vec![0.01; count],
             opacities: None,

@@ -26,8 +26,6 @@ pub(crate) struct KernelLens {
     pub(crate) near: f32,
     /// Where r ends.
     pub(crate) cutoff: f32,
-    /// `Opacity` kernels end where they fall below this.
-    pub(crate) least_alpha: f32,
     pub(crate) closing: Closing,
     /// Whether opacities are taken to be optical depths.
     pub(crate) is_taylor: bool,
@@ -169,7 +167,8 @@ impl Kernels {
             for (column, color) in self.color.iter_mut().zip(own.color) {
                 color.store_slice(&mut column[range.clone()]);
             }
-            own.amplitude.store_slice(&mut self.amplitude[range]);
+            own.amplitude.store_slice(&mut self.amplitude[range.clone()]);
+            own.ends.store_slice(&mut self.outlines.end[range]);
             self.opacities |= own.of_kind(simd, Kind::Opacity) << first & self.outlines.all();
         }
         self.is_linear = self.opacities == self.outlines.all();
@@ -212,7 +211,6 @@ impl Kernels {
         }
         let opacity = mask32x16::from_bitmask(simd, self.opacities >> first);
         let exact = mask32x16::from_bitmask(simd, self.outlines.exact >> first);
-        let zero = W::simd_from(simd, 0.0);
         let thin = if lens.is_taylor { TAYLOR } else { THIN };
         for ((column, thin), of_opacity) in self.alpha.iter_mut().zip(thin).zip(TAYLOR) {
             let alpha = opacity.select(W::simd_from(simd, of_opacity), W::simd_from(simd, thin));
@@ -226,13 +224,8 @@ impl Kernels {
             opacity | (amplitude.simd_le(most) & !exact)
         };
         self.thin |= is_thin.to_bitmask() << first;
-        // An opacity that is not seen at all was dropped: the logarithm is positive.
         let end = W::simd_from(simd, lens.cutoff * HALF_LOG2_E);
-        let least = W::simd_from(simd, lens.least_alpha.max(f32::MIN_POSITIVE));
-        let own =
-            log2(simd, opacity.select(amplitude, least) * (1.0 / lens.least_alpha.max(f32::MIN_POSITIVE)))
-                .max(zero);
-        let end = opacity.select(own.min(end), end);
+        let end = opacity.select(sixteen(simd, &self.outlines.end, first).min(end), end);
         end.store_slice(&mut self.outlines.end[range.clone()]);
         (-end).store_slice(&mut self.least[range.clone()]);
         // Where kernels end their strengths are no subnormal numbers.

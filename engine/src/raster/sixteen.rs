@@ -1,6 +1,6 @@
 //! Sixteen records, number by number.
 
-use crate::footprint::{Form, Kind, Record};
+use crate::footprint::{Form, Kind, MOST_END, Record};
 use crate::simd::*;
 
 /// Where the kind and the form are among the bits of a tag.
@@ -22,6 +22,8 @@ pub(super) struct Sixteen<S: Simd> {
     pub(super) conic_root: [W<S>; 3],
     pub(super) sigma_z: W<S>,
     pub(super) depth_slope: [W<S>; 2],
+    /// See [`Record::end`].
+    pub(super) ends: W<S>,
     pub(super) color: [W<S>; 3],
     tags: u32x16<S>,
 }
@@ -36,7 +38,7 @@ impl<S: Simd> Sixteen<S> {
             |number| W::simd_from(simd, *record(number).numbers()),
         );
         // In the order of a record's fields.
-        let [x, y, depth, amplitude, a, b, c, sigma_z, across, down, _, _, red, green, blue, tags] =
+        let [x, y, depth, amplitude, a, b, c, sigma_z, across, down, _, followers, red, green, blue, tags] =
             columns(rows);
         Self {
             mean: [x, y],
@@ -45,6 +47,7 @@ impl<S: Simd> Sixteen<S> {
             conic_root: [a, b, c],
             sigma_z,
             depth_slope: [across, down],
+            ends: (followers - followers.floor()) * MOST_END,
             color: [red, green, blue],
             tags: tags.to_bits(),
         }

@@ -77,23 +77,26 @@ impl SlabColumns {
         end: 0,
     };
 
-    /// Takes in records as a whole that reach from their first to their last slabs; false if one touches more than `most`.
+    /// Takes in records as a whole, by their first slabs and how many follow, with fractions; false if one touches more than `most`.
     #[inline(always)]
-    pub(crate) fn set_whole<S: Simd>(&mut self, simd: S, [firsts, lasts]: &[Column; 2], most: u32) -> bool {
+    pub(crate) fn set_whole<S: Simd>(
+        &mut self,
+        simd: S,
+        [firsts, followers]: &[Column; 2],
+        most: u32,
+    ) -> bool {
         let [one, two, most] = [1.0, 2.0, most as f32].each(
             #[inline(always)]
             |count| W::simd_from(simd, count),
         );
         let (mut narrow, mut in_three, mut wide) = (0, 0, 0);
         for start in (0..BATCH).step_by(16) {
-            let (first, last) = (sixteen(simd, firsts, start), sixteen(simd, lasts, start));
-            // Numbers of slabs are whole and exact.
-            let reach = last - first;
+            let (first, reach) = (sixteen(simd, firsts, start), sixteen(simd, followers, start).floor());
             narrow |= reach.simd_le(one).to_bitmask() << start;
             in_three |= reach.simd_eq(two).to_bitmask() << start;
             wide |= reach.simd_ge(most).to_bitmask();
             first.to_int::<u32x16<S>>().store_slice(&mut self.first[start..start + 16]);
-            last.store_slice(&mut self.last[start..start + 16]);
+            (first + reach).store_slice(&mut self.last[start..start + 16]);
         }
         (self.narrow, self.in_three, self.begin, self.end) = (narrow, in_three, u64::MAX, u64::MAX);
         wide == 0

@@ -93,6 +93,8 @@ pub(super) struct Kernel {
     pub(super) distance: f64,
     /// Whether it is composited there, between surfaces.
     pub(super) is_whole: bool,
+    /// Where r ends.
+    cutoff: f64,
     pub(super) id: u32,
 }
 
@@ -249,8 +251,9 @@ impl<'a> Setup<'a> {
         let gaussian = Gaussian::new(center, &columns)?;
         let color = self.color(placed, index, center);
         let normal = (placed.normal_to_camera * splats.normal(index).as_dvec3()).normalize_or_zero();
-        let strength = match &splats.kind {
-            Kind::Surface(surface) => {
+        let mut cutoff = FAR_CUT;
+        let strength = match splats.kind {
+            Kind::Surface(ref surface) => {
                 let area = f64::from(splats.strength(index)) * placed.area_scale(index);
                 let geometric_normal = placed.geometric_normal(&columns);
                 // A shading normal is on the side of the shape's.
@@ -306,9 +309,14 @@ impl<'a> Setup<'a> {
                 return Some(Splat::Surfel(surfel));
             }
             Kind::Extinction => Amplitude::Mass(f64::from(splats.strength(index)) * placed.volume_scale),
-            Kind::Opacity(OpacityFilter::Classic) => Amplitude::Peak(f64::from(splats.strength(index))),
-            Kind::Opacity(OpacityFilter::Compensated) => {
-                Amplitude::Peak(f64::from(splats.strength(index)) * self.attenuation(&gaussian, &columns))
+            Kind::Opacity { filter, least } => {
+                let own = f64::from(splats.strength(index));
+                cutoff = cutoff.min(2.0 * (own / f64::from(least)).ln());
+                let attenuation = match filter {
+                    OpacityFilter::Classic => 1.0,
+                    OpacityFilter::Compensated => self.attenuation(&gaussian, &columns),
+                };
+                Amplitude::Peak(own * attenuation)
             }
         };
         let color = if self.settings.shade {
@@ -322,7 +330,7 @@ impl<'a> Setup<'a> {
         };
         let is_whole = matches!(strength, Amplitude::Peak(_)) && self.opacities_are_whole;
         let distance = self.view.distance(center);
-        Some(Splat::Kernel(Kernel { gaussian, strength, color, distance, is_whole, id }))
+        Some(Splat::Kernel(Kernel { gaussian, strength, color, distance, is_whole, cutoff, id }))
     }
 }
 
@@ -366,7 +374,7 @@ impl Kernel {
     /// The kernel along a ray.
     pub(super) fn fragment(&self, ray: &Ray) -> Option<Fragment> {
         let profile = self.gaussian.along(ray);
-        if profile.r > FAR_CUT {
+        if profile.r > self.cutoff {
             return None;
         }
         let optical_depth = match self.strength {

@@ -144,7 +144,6 @@ impl Renderer {
                     lens,
                     near,
                     cutoff: settings.cutoff as f32,
-                    least_alpha: settings.least_opacity() as f32,
                     closing,
                     is_taylor: settings.baseline == Some(Baseline::Taylor),
                     reach_to_cuts: reach_to_cuts(settings.tolerance),

@@ -17,6 +17,7 @@ use crate::scene::{FootprintForm, Order};
 use glam::{DVec2, DVec3};
 use scenes::{fog, sheet, trained};
 use sheets::shown;
+use std::f64::consts::LN_2;
 
 /// Layers that a pixel may have.
 const MOST_LAYERS: usize = 64;
@@ -315,10 +316,9 @@ impl<'a> Specification<'a> {
             let w = f64::from(record.amplitude) * (-0.5 * r).exp();
             let (tau, is_doubtful) = match record.tag.kind {
                 Kind::Opacity => {
-                    // Where it falls below the least opacity it ends.
-                    let off = w / self.settings.least_opacity() - 1.0;
-                    let is_borderline = off.abs() <= 4e-4 + doubt;
-                    if off < 0.0 && !is_borderline {
+                    let end = 2.0 * LN_2 * f64::from(record.end());
+                    let is_borderline = (r - end).abs() <= 4e-4 + doubt;
+                    if r > end && !is_borderline {
                         continue;
                     }
                     (-(-w).ln_1p(), is_doubtful || is_borderline)

@@ -224,7 +224,8 @@ mod tests {
         let settings = RenderSettings { order: Order::Centers, ..RenderSettings::default() };
         let of = |count: usize| {
             let centers = (0..count).map(|i| Vec3::splat(1e-3) * (i as f32).sin()).collect();
-            let strength = Strength::Opacity { peaks: vec![0.5; count], filter: OpacityFilter::Classic };
+            let strength =
+                Strength::Opacity { peaks: vec![0.5; count], filter: OpacityFilter::Classic, least: 0.0 };
             let (shapes, colors) = (Shapes::Shared(Mat3::IDENTITY), vec![[0.5; 3]; count]);
             let (harmonics, normals, material) = (None, None, Material::UNLIT);
             let splats = Splats { centers, shapes, strength, colors, harmonics, normals, material };

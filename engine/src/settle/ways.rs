@@ -193,7 +193,7 @@ mod tests {
         assert_eq!(finest_of(vec![cloud(Shapes::Each(each.into()), vec![0.1; 2])], 1.0), 0.5);
         assert_eq!(finest_of(vec![cloud(Shapes::Each(each.into()), vec![0.1; 2])], 0.9), 0.25);
         // Before what is composited at its centre 0.03 τ is off: a quarter of 1/255 at τ = 0.032, four times that in slabs half as thick.
-        let strength = Strength::Opacity { peaks: vec![0.5; 2], filter: OpacityFilter::Classic };
+        let strength = Strength::Opacity { peaks: vec![0.5; 2], filter: OpacityFilter::Classic, least: 0.0 };
         let trained = Cloud::new(Splats { strength, ..kernels([1.0; 3], 0.1).splats() }).unwrap();
         let beside = |dense| finest_of(vec![kernels([1.0; 3], dense), trained.clone()], 1.0);
         assert_eq!([0.03, 0.034, 0.14, 0.5, 9.0].map(beside), [1.0, 0.5, 0.25, 0.25, 0.125]);

@@ -189,7 +189,7 @@ fn what_no_filter_dims_keeps_its_light() {
         let mut splats = ball(48).splats();
         let peaks = vec![0.02; splats.centers.len()];
         splats.shapes = Shapes::Shared(Mat3::IDENTITY * 0.006);
-        splats.strength = Strength::Opacity { peaks, filter };
+        splats.strength = Strength::Opacity { peaks, filter, least: 0.0 };
         let cloud = with_levels(Cloud::new(splats).unwrap());
         // A pixel is 0.04 wide: six σ.
         let camera = camera(6.0, 128);

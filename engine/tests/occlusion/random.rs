@@ -55,7 +55,11 @@ fn patches(seed: u32, (count, size, opacity, kind): (usize, f32, f32, usize)) ->
             Shapes::Shared(Mat3::IDENTITY * spacing),
         ),
         _ => (
-            Strength::Opacity { peaks: vec![opacity.min(0.99); total], filter: OpacityFilter::Classic },
+            Strength::Opacity {
+                peaks: vec![opacity.min(0.99); total],
+                filter: OpacityFilter::Classic,
+                least: 0.0,
+            },
             Shapes::Each(normals.iter().map(factor).collect()),
         ),
     };

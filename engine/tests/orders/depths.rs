@@ -160,7 +160,7 @@ fn medians_behind_a_translucent_layer_are_where_half_is_left() {
 #[test]
 fn medians_at_a_trained_kernel_behind_a_translucent_layer_in_fog() {
     let factor = oblate_factor(Vec3::Z, 1.5, 30.0);
-    let strength = Strength::Opacity { peaks: vec![0.23], filter: OpacityFilter::Compensated };
+    let strength = Strength::Opacity { peaks: vec![0.23], filter: OpacityFilter::Compensated, least: 0.0 };
     let behind = splats(vec![Vec3::Z * 1.6], vec![factor], strength, vec![[0.9, 0.2, 0.1]]);
     let clouds = [volume(0.11), sheet(0.2, 1.3), behind];
     let r1 = truth(&clouds, &camera(6.0, 40), &ordered(SLABS));

@@ -15,6 +15,7 @@ fn scene(is_motley: bool) -> Cloud {
         Strength::Opacity {
             peaks: indices.clone().map(|i| 0.1 + 0.85 * spread(i, 0.414_214)).collect(),
             filter: OpacityFilter::Compensated,
+            least: 0.0,
         },
         indices.map(color).collect(),
     )

@@ -64,7 +64,7 @@ fn a_camera_that_turns_in_place_changes_no_order_of_centers() {
     let place =
         |degrees: f32, distance: f32| Mat3::from_rotation_y(degrees.to_radians()) * Vec3::Z * distance;
     let centers = vec![place(-8.0, 5.0), place(8.0, 5.05)];
-    let strength = Strength::Opacity { peaks: vec![0.7; 2], filter: OpacityFilter::Compensated };
+    let strength = Strength::Opacity { peaks: vec![0.7; 2], filter: OpacityFilter::Compensated, least: 0.0 };
     let factor = Mat3::from_diagonal(Vec3::new(0.8, 0.8, 0.3));
     let pair = splats(centers, vec![factor; 2], strength, vec![[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]);
     let settings = RenderSettings { low_pass: 0.0, ..nothing_but(Order::Centers) };

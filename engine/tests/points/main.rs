@@ -70,7 +70,7 @@ fn cloud(kind: Kind, splats: &[(Vec3, Mat3)], peak: f32, colors: Vec<[f32; 3]>) 
         .collect();
     let strength = match kind {
         Kind::Extinction => Strength::Extinction { masses: strengths },
-        Kind::Opacity(filter) => Strength::Opacity { peaks: strengths, filter },
+        Kind::Opacity(filter) => Strength::Opacity { peaks: strengths, filter, least: 0.0 },
         Kind::Surface => Strength::Surface(Surface {
             areas: strengths,
             opacities: None,

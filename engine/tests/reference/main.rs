@@ -60,7 +60,11 @@ fn kernels(centers: &[Vec3], sigma: f32, mass: f32, colors: &[[f32; 3]]) -> Clou
 }
 
 fn opacity_kernels(centers: &[Vec3], sigma: f32, peak: f32, colors: &[[f32; 3]]) -> Cloud {
-    let strength = Strength::Opacity { peaks: vec![peak; centers.len()], filter: OpacityFilter::Compensated };
+    let strength = Strength::Opacity {
+        peaks: vec![peak; centers.len()],
+        filter: OpacityFilter::Compensated,
+        least: 0.0,
+    };
     cloud(centers.to_vec(), Shapes::Shared(Mat3::IDENTITY * sigma), strength, colors.to_vec())
 }
 

@@ -198,7 +198,7 @@ fn a_classic_low_pass_widens_an_opacity_kernel_and_leaves_its_peak() {
     // σ is 1 px, √1.3 px with the filter; the first and last pixels of three are 1 px off. A point is drawn as the filter is.
     for (sigma, variance) in [(0.1, 1.3_f64), (0.0, 0.3)] {
         let mut splats = opacity_kernels(&[Vec3::Z * 5.0], sigma, 0.8, &[RED]).splats();
-        splats.strength = Strength::Opacity { peaks: vec![0.8], filter: OpacityFilter::Classic };
+        splats.strength = Strength::Opacity { peaks: vec![0.8], filter: OpacityFilter::Classic, least: 0.0 };
         let cloud = Cloud::new(splats).unwrap();
         for camera in [perspective(50.0, 3), orthographic(10.0, 3)] {
             let frame = draw(vec![cloud.clone()], &camera, &unlit(0.3));
@@ -209,7 +209,7 @@ fn a_classic_low_pass_widens_an_opacity_kernel_and_leaves_its_peak() {
     }
     let bare = opacity_kernels(&[Vec3::Z * 5.0], 0.1, 0.8, &[RED]);
     let mut classic = bare.splats();
-    classic.strength = Strength::Opacity { peaks: vec![0.8], filter: OpacityFilter::Classic };
+    classic.strength = Strength::Opacity { peaks: vec![0.8], filter: OpacityFilter::Classic, least: 0.0 };
     let [bare, classic] = [bare, Cloud::new(classic).unwrap()]
         .map(|cloud| draw(vec![cloud], &perspective(50.0, 5), &unlit(0.0)));
     assert_eq!(bare, classic, "there is no filter");

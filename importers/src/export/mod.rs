@@ -203,7 +203,11 @@ fn save_splats(
 fn flat_gaussians(splats: &Splats, surface: &Surface) -> Splats {
     let peaks = surface.opacities.clone().unwrap_or_else(|| vec![1.0; splats.centers.len()]);
     Splats {
-        strength: Strength::Opacity { peaks, filter: OpacityFilter::Classic },
+        strength: Strength::Opacity {
+            peaks,
+            filter: OpacityFilter::Classic,
+            least: Strength::LEAST_OF_TRAINED,
+        },
         normals: None,
         material: Material::UNLIT,
         ..splats.clone()

@@ -18,7 +18,7 @@ impl<'a> Records<'a> {
     /// For splats with other strengths, no splats at all, and arrays that aren't of one length.
     pub(crate) fn new(splats: &'a Splats) -> Result<Self, ExportError> {
         let unsuited = |what: &str| Err(ExportError::Unsuited(what.into()));
-        let Strength::Opacity { peaks, filter } = &splats.strength else {
+        let Strength::Opacity { peaks, filter, .. } = &splats.strength else {
             return unsuited("splats of this format have peak opacities; these have masses or areas instead");
         };
         let count = splats.centers.len();

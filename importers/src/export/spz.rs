@@ -177,7 +177,11 @@ mod tests {
         Splats {
             centers,
             shapes: Shapes::Each(vec![factor; count]),
-            strength: Strength::Opacity { peaks: vec![peak; count], filter: OpacityFilter::Compensated },
+            strength: Strength::Opacity {
+                peaks: vec![peak; count],
+                filter: OpacityFilter::Compensated,
+                least: 0.0,
+            },
             colors: vec![[0.5, 0.1, 0.9]; count],
             harmonics,
             normals: None,

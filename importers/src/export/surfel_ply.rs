@@ -100,7 +100,7 @@ impl Layout {
                 closed: surface.closed.clone(),
             },
             Strength::Extinction { .. } => Kernel::Extinction,
-            Strength::Opacity { filter, .. } => Kernel::Opacity(*filter),
+            Strength::Opacity { filter, least, .. } => Kernel::Opacity { filter: *filter, least: *least },
         };
         let description = Description {
             strength,
@@ -296,7 +296,11 @@ mod tests {
         prop_oneof![
             surface,
             vec(positive(), count).prop_map(|masses| Strength::Extinction { masses }),
-            (shares(), filter).prop_map(|(peaks, filter)| Strength::Opacity { peaks, filter }),
+            (shares(), filter, 0.0..=1f32).prop_map(|(peaks, filter, least)| Strength::Opacity {
+                peaks,
+                filter,
+                least
+            }),
         ]
         .boxed()
     }

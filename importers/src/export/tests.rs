@@ -76,7 +76,7 @@ fn splats(all: &[One], degree: u8, filter: OpacityFilter) -> Splats {
     Splats {
         centers: all.iter().map(|one| Vec3::from(one.center)).collect(),
         shapes: Shapes::Each(all.iter().map(factor).collect()),
-        strength: Strength::Opacity { peaks: all.iter().map(|one| one.peak).collect(), filter },
+        strength: Strength::Opacity { peaks: all.iter().map(|one| one.peak).collect(), filter, least: 0.0 },
         colors: all.iter().map(|one| one.color).collect(),
         harmonics: (degree > 0).then(|| Harmonics {
             degree,
@@ -263,7 +263,7 @@ fn what_is_not_held_is_refused() {
     let none = Splats {
         centers: Vec::new(),
         shapes: Shapes::Each(Vec::new()),
-        strength: Strength::Opacity { peaks: Vec::new(), filter: OpacityFilter::Classic },
+        strength: Strength::Opacity { peaks: Vec::new(), filter: OpacityFilter::Classic, least: 0.0 },
         colors: Vec::new(),
         harmonics: None,
         ..good.clone()

@@ -54,6 +54,8 @@ pub(crate) struct Description {
     pub(crate) origin: DVec3,
 }
 
+const SHARE: &str = "an opacity is from 0 to 1";
+
 /// `strength`, with what belongs to it.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Kernel {
@@ -63,8 +65,8 @@ pub(crate) enum Kernel {
     Surface { depth_tolerance: f32, coverage_floor: f32, closed: Closed },
     /// `extinction`.
     Extinction,
-    /// `opacity`, with `filter`: `classic` or `compensated`.
-    Opacity(OpacityFilter),
+    /// `opacity`, with `filter`: `classic` or `compensated`; and `least`, where it isn't 0.
+    Opacity { filter: OpacityFilter, least: f32 },
 }
 
 impl Kernel {
@@ -73,7 +75,7 @@ impl Kernel {
         match self {
             Self::Surface { .. } => "area",
             Self::Extinction => "mass",
-            Self::Opacity(_) => "peak",
+            Self::Opacity { .. } => "peak",
         }
     }
 }
@@ -88,8 +90,16 @@ impl fmt::Display for Description {
                 write_closed(f, closed)?;
             }
             Kernel::Extinction => write!(f, "extinction")?,
-            Kernel::Opacity(OpacityFilter::Classic) => write!(f, "opacity filter classic")?,
-            Kernel::Opacity(OpacityFilter::Compensated) => write!(f, "opacity filter compensated")?,
+            Kernel::Opacity { filter, least } => {
+                let filter = match filter {
+                    OpacityFilter::Classic => "classic",
+                    OpacityFilter::Compensated => "compensated",
+                };
+                write!(f, "opacity filter {filter}")?;
+                if *least != 0.0 {
+                    write!(f, " least {least:?}")?;
+                }
+            }
         }
         let Material { emission, ambient, diffuse, specular, exponent } = self.material;
         write!(
@@ -206,10 +216,16 @@ impl Description {
                 closed: words.closed()?,
             },
             1 => Kernel::Extinction,
-            _ => Kernel::Opacity(words.one_of(
-                "filter",
-                &[("classic", OpacityFilter::Classic), ("compensated", OpacityFilter::Compensated)],
-            )?),
+            _ => Kernel::Opacity {
+                filter: words.one_of(
+                    "filter",
+                    &[("classic", OpacityFilter::Classic), ("compensated", OpacityFilter::Compensated)],
+                )?,
+                least: match words.0.contains_key("least") {
+                    true => words.number("least", |least| (0.0..=1.0).contains(&least), SHARE)?,
+                    false => 0.0,
+                },
+            },
         };
         let description = Self {
             strength,
@@ -343,7 +359,6 @@ impl<'a> Columns<'a> {
         };
         let share = |value: f32| (0.0..=1.0).contains(&value);
         const NOT_NEGATIVE: &str = "it must be finite and at least 0";
-        const SHARE: &str = "an opacity is from 0 to 1";
         let strength = match description.strength.clone() {
             Kernel::Surface { depth_tolerance, coverage_floor, closed } => {
                 let areas = strengths(&mut self, &not_negative, NOT_NEGATIVE)?;
@@ -354,8 +369,8 @@ impl<'a> Columns<'a> {
             Kernel::Extinction => {
                 Strength::Extinction { masses: strengths(&mut self, &not_negative, NOT_NEGATIVE)? }
             }
-            Kernel::Opacity(filter) => {
-                Strength::Opacity { peaks: strengths(&mut self, &share, SHARE)?, filter }
+            Kernel::Opacity { filter, least } => {
+                Strength::Opacity { peaks: strengths(&mut self, &share, SHARE)?, filter, least }
             }
         };
         let normals = description.normals.then(|| self.vectors(NORMAL)).transpose()?;

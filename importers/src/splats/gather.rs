@@ -124,7 +124,7 @@ pub(crate) fn gather(
     let splats = Splats {
         centers,
         shapes: Shapes::Each(factors),
-        strength: Strength::Opacity { peaks, filter: training.filter },
+        strength: Strength::Opacity { peaks, filter: training.filter, least: Strength::LEAST_OF_TRAINED },
         colors,
         harmonics,
         normals: None,

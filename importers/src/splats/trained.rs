@@ -232,6 +232,7 @@ mod tests {
             strength: Strength::Opacity {
                 peaks: vec![splat.peak],
                 filter: oblate_engine::OpacityFilter::Classic,
+                least: Strength::LEAST_OF_TRAINED,
             },
             colors: vec![splat.color],
             harmonics: None,

@@ -102,7 +102,10 @@ fn numbers_arrive_where_the_extension_says() {
     let expected = Mat3::from_cols(Vec3::X * 4.0, Vec3::ZERO, Vec3::Y * 2.0);
     assert!(second.shapes.factor(0).abs_diff_eq(expected, 1e-6), "{}", second.shapes.factor(0));
     let filter = OpacityFilter::Classic;
-    assert_eq!(second.strength, Strength::Opacity { peaks: vec![0.2], filter });
+    assert_eq!(
+        second.strength,
+        Strength::Opacity { peaks: vec![0.2], filter, least: Strength::LEAST_OF_TRAINED }
+    );
     // 0.5 + 0.2820948 · (1, −1, 0), decoded.
     let decoded = |display: f32| ((display + 0.055) / 1.055).powf(2.4);
     for (found, display) in first.colors[0].iter().zip([0.782_094_8, 0.217_905_2, 0.5]) {

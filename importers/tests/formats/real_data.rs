@@ -331,7 +331,7 @@ fn packed_splats() {
     let count = 152_746;
     assert_eq!(splats.centers.len(), count);
     assert!(splats.harmonics.is_none());
-    let Strength::Opacity { peaks, filter: OpacityFilter::Classic } = &splats.strength else {
+    let Strength::Opacity { peaks, filter: OpacityFilter::Classic, .. } = &splats.strength else {
         panic!("opacities are expected")
     };
     let fold = |f: fn(Vec3, Vec3) -> Vec3| splats.centers.iter().copied().reduce(f).unwrap();

@@ -179,7 +179,7 @@ fn both_versions_alike() {
         close(middle, Mat3::from_diagonal(Vec3::new(1.0, -1.0, -1.0)));
         // (½, ½, ½, ½) is a third of a turn: x to y to z to x.
         close(last, Mat3::from_cols(Vec3::Y, Vec3::Z, Vec3::X));
-        let Strength::Opacity { peaks, filter } = &splats.strength else { panic!() };
+        let Strength::Opacity { peaks, filter, .. } = &splats.strength else { panic!() };
         assert_eq!(*filter, OpacityFilter::Classic);
         let logit = |logit: f32| 1.0 / (1.0 + (-logit).exp());
         let expected =

@@ -156,7 +156,7 @@ fn all_versions_in_the_same_place() {
         let splats = table.open();
         // Right, up, back becomes right, down, ahead.
         assert_eq!(sorted(&splats), [Vec3::new(1.0, -2.0, -3.0), Vec3::new(-1.0, 2.0, 3.0)], "{version}");
-        let Strength::Opacity { peaks, filter } = &splats.strength else { panic!() };
+        let Strength::Opacity { peaks, filter, .. } = &splats.strength else { panic!() };
         assert!(*filter == OpacityFilter::Classic && peaks.contains(&1.0) && peaks.contains(&0.2));
         // 128 of 255 is 1/255 of 3.33 harmonics of 0.282 beyond the middle, 0.5; decoded, as sRGB of 0.5037.
         assert!((splats.colors[0][0] - 0.2176).abs() < 1e-3, "{}", splats.colors[0][0]);

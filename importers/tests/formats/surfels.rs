@@ -65,7 +65,10 @@ fn kernels_are_what_the_columns_say() {
     let opened = Folder::new().open("a.ply", bytes).unwrap();
     assert!(matches!(opened.content, Content::Splats { blend: Blend::Display, .. }));
     let found = splats(Ok(opened));
-    assert_eq!(found.strength, Strength::Opacity { peaks: vec![0.5], filter: OpacityFilter::Compensated });
+    assert_eq!(
+        found.strength,
+        Strength::Opacity { peaks: vec![0.5], filter: OpacityFilter::Compensated, least: 0.0 }
+    );
     let coefficients = vec![[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]];
     assert_eq!(found.harmonics, Some(Harmonics { degree: 1, coefficients }));
 }

@@ -3,8 +3,9 @@
 use super::setups::Setup;
 use crate::camera::Projection;
 use crate::footprint::scalar::Projector;
-use crate::footprint::{CameraSplat, Footprint, Form, Lens, Projected};
+use crate::footprint::{CameraSplat, Footprint, Form, Lens, MOST_END, Projected};
 use glam::{DVec3, Vec3};
+use std::f64::consts::LN_2;
 
 /// Roundings of single precision that one number goes through, at most, times their size.
 const EPSILON: f64 = 16.0 * 6e-8;
@@ -67,6 +68,12 @@ impl Bounds {
             roundness: 8.0 * (e / t + EPSILON),
         }
     }
+
+    /// Of the logarithm of an opacity, kept as a fraction of [`MOST_END`], which is rounded twice.
+    fn of_end(&self, projected: &Projected) -> f64 {
+        let of_fraction = f64::from(MOST_END * f32::EPSILON);
+        self.attenuation / (LN_2 * f64::from(projected.record.amplitude)) + of_fraction + EPSILON
+    }
 }
 
 /// Names what differs by more than it may.
@@ -94,8 +101,7 @@ pub(super) fn compare(
         let is_edge_on = setup.kind == 3
             && normal.dot(ray).abs()
                 <= EPSILON * 2.0 * ray.length() * extent / splat.center.z.abs().min(*extent);
-        let is_faint = setup.kind == 1
-            && f64::from(only.record.amplitude) <= settings.least_opacity() + bounds.attenuation + EPSILON;
+        let is_faint = setup.kind == 1 && f64::from(only.record.end()) <= bounds.of_end(only);
         let is_next_to_nothing = f64::from(only.record.amplitude).abs() < 1e-30;
         if is_slim || ends_at_near || is_edge_on || is_faint || is_next_to_nothing {
             return Ok(());
@@ -157,13 +163,17 @@ pub(super) fn compare(
         _ => coverage * (bounds.integral + EPSILON * 2.0 * ratio * footprint.center_ray.length()),
     };
     close("amplitude", x.amplitude, y.amplitude, amplitude)?;
-    for axis in 0..2 {
-        close(
-            "amplitude slope",
-            x.amplitude_slope_or_slabs[axis],
-            y.amplitude_slope_or_slabs[axis],
-            amplitude / lens.focal.x,
-        )?;
+    if setup.kind == 1 {
+        close("end", x.end(), y.end(), bounds.of_end(b))?;
+    } else {
+        for axis in 0..2 {
+            close(
+                "amplitude slope",
+                x.amplitude_slope_or_slabs[axis],
+                y.amplitude_slope_or_slabs[axis],
+                amplitude / lens.focal.x,
+            )?;
+        }
     }
     compare_looks(setup, projector, (splat, index, *extent), (a, b))?;
     compare_rects(setup, (&footprint, &bounds, ratio), (a, b))
@@ -218,8 +228,7 @@ fn compare_rects(
 ) -> Result<(), String> {
     let mut cutoff = if setup.kind >= 2 { setup.settings.outline } else { setup.settings.cutoff };
     if setup.kind == 1 {
-        cutoff =
-            cutoff.min(2.0 * (f64::from(b.record.amplitude) / setup.settings.least_opacity()).ln()).max(0.0);
+        cutoff = cutoff.min(2.0 * LN_2 * f64::from(b.record.end()));
     }
     let exact = b.record.tag.form == Form::Exact;
     let [_, half] = footprint.bounds(cutoff, exact);
@@ -230,11 +239,7 @@ fn compare_rects(
     let reach = (near[1] - near[0]) * 0.5 * footprint.inverse_depth;
     let widening = if exact { 1.0 / (1.0 - reach * reach) } else { 1.0 };
     // A cut-off that nears 0 moves by as much as its peak does.
-    let of_cutoff = if setup.kind == 1 {
-        2.0 * bounds.attenuation / f64::from(b.record.amplitude) + EPSILON
-    } else {
-        0.0
-    };
+    let of_cutoff = if setup.kind == 1 { 2.0 * LN_2 * bounds.of_end(b) } else { 0.0 };
     for axis in 0..2 {
         let root = half[axis];
         let of_half = bounds.axis * cutoff.sqrt()

@@ -180,7 +180,11 @@ fn merged_kernels_that_no_filter_dims_are_projected_as_one_is() {
         let splats = Splats {
             centers: centers.clone(),
             shapes: Shapes::Shared(Mat3::IDENTITY * size),
-            strength: Strength::Opacity { peaks: vec![0.02; count.into()], filter: OpacityFilter::Classic },
+            strength: Strength::Opacity {
+                peaks: vec![0.02; count.into()],
+                filter: OpacityFilter::Classic,
+                least: 0.0,
+            },
             colors: vec![[0.5; 3]; count.into()],
             harmonics: None,
             normals: None,

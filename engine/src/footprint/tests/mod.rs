@@ -129,6 +129,7 @@ fn what_is_fainter_than_the_tolerance_is_not_drawn() {
         projection: Projection::Perspective,
         kind: 1,
         filter: OpacityFilter::Compensated,
+        least: 0.0,
         shared: false,
         transform: 0,
         degree: 0,

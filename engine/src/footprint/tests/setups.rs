@@ -64,6 +64,8 @@ pub(super) struct Setup {
     pub(super) projection: Projection,
     pub(super) kind: usize,
     pub(super) filter: OpacityFilter,
+    /// Of opacities.
+    pub(super) least: f32,
     pub(super) shared: bool,
     pub(super) transform: usize,
     pub(super) degree: u8,
@@ -81,7 +83,10 @@ pub(super) fn setup() -> impl Strategy<Value = Setup> {
     ];
     let blend = prop_oneof![Just(Blend::Linear), Just(Blend::Display)];
     let filters = prop_oneof![1 => Just(0.0), 3 => Just(0.3), 1 => Just(1.0)];
-    let of_peaks = prop_oneof![Just(OpacityFilter::Classic), Just(OpacityFilter::Compensated)];
+    let of_peaks = (
+        prop_oneof![Just(OpacityFilter::Classic), Just(OpacityFilter::Compensated)],
+        prop_oneof![Just(0.0), Just(Strength::LEAST_OF_TRAINED), Just(0.2)],
+    );
     let tolerances = prop_oneof![Just(1.0 / 255.0), Just(0.05), Just(1e-4)];
     (
         (projection, 0..4_usize, any::<bool>(), 0..4_usize, 0..4_u8, prop_oneof![Just(0.0), Just(2.0)]),
@@ -90,7 +95,7 @@ pub(super) fn setup() -> impl Strategy<Value = Setup> {
         .prop_map(
             |(
                 (projection, kind, shared, transform, degree, near),
-                (footprint, blend, low_pass, filter, tolerance, shade),
+                (footprint, blend, low_pass, (filter, least), tolerance, shade),
             )| {
                 let settings = RenderSettings {
                     footprint,
@@ -100,7 +105,7 @@ pub(super) fn setup() -> impl Strategy<Value = Setup> {
                     shade,
                     ..RenderSettings::default()
                 };
-                Setup { projection, kind, filter, shared, transform, degree, near, settings }
+                Setup { projection, kind, filter, least, shared, transform, degree, near, settings }
             },
         )
 }
@@ -158,7 +163,7 @@ pub(super) fn cloud(setup: &Setup, splats: &[Seen], camera: &Camera) -> Cloud {
     let strengths: Vec<f32> = splats.iter().map(|seen| seen.strength).collect();
     let strength = match setup.kind {
         0 => Strength::Extinction { masses: strengths },
-        1 => Strength::Opacity { peaks: strengths, filter: setup.filter },
+        1 => Strength::Opacity { peaks: strengths, filter: setup.filter, least: setup.least },
         kind => Strength::Surface(Surface {
             areas: strengths.clone(),
             opacities: Some(strengths),

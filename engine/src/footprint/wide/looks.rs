@@ -1,6 +1,7 @@
 //! Colours, normals and amplitudes.
 
-use super::super::scalar::{EVENLY_COVERED, LARGEST_ALPHA};
+use super::super::record::MOST_END;
+use super::super::scalar::{EVENLY_COVERED, LARGEST_ALPHA, LEAST_OPACITY};
 use super::WideProjector;
 use super::geometry::{Footprints, Placed, lanes};
 use super::orientation::Spread;
@@ -128,27 +129,30 @@ impl WideProjector<'_> {
                 let is_seen = amplitude.simd_gt(zero);
                 Looks { amplitude, slope: [zero; 2], color, normal, cutoff, is_seen }
             }
-            columns::Kind::Opacity(filter) => {
-                let peak = match filter {
-                    OpacityFilter::Classic => {
-                        let of_filter = match &columns.opacities_of_own {
-                            None => zero,
-                            Some(sums) => {
-                                let more = V::simd_from(simd, sums.block(block)[0]) - strength;
-                                let [root, _, other] = footprints.conic_root;
-                                more.max(zero) * (root * other * self.low_pass)
-                            }
-                        };
-                        (strength + of_filter) * footprints.gain
+            columns::Kind::Opacity { filter, least } => {
+                let of_filter = match &columns.opacities_of_own {
+                    None => zero,
+                    Some(sums) => {
+                        let more = V::simd_from(simd, sums.block(block)[0]) - strength;
+                        let [root, _, other] = footprints.conic_root;
+                        more.max(zero) * (root * other * self.low_pass)
                     }
-                    OpacityFilter::Compensated => strength * footprints.attenuation,
                 };
-                let amplitude = peak.min(splat(simd, LARGEST_ALPHA as f32));
-                let is_seen = amplitude.simd_gt(splat(simd, self.least_opacity));
+                let undimmed = strength + of_filter;
+                let attenuation = match filter {
+                    OpacityFilter::Classic => footprints.gain,
+                    OpacityFilter::Compensated => footprints.attenuation,
+                };
+                let amplitude = (undimmed * attenuation).min(splat(simd, LARGEST_ALPHA as f32));
+                let times_least = (amplitude * (1.0 / self.least_opacity))
+                    .min(undimmed * (1.0 / least.max(LEAST_OPACITY as f32)));
+                let one = splat(simd, 1.0);
+                let is_seen = times_least.simd_gt(one);
+                let end = log2(simd, times_least.max(one));
                 const TWO_LN2: f32 = 2.0 * std::f32::consts::LN_2;
-                let over = amplitude * (1.0 / self.least_opacity);
-                let own = log2(simd, over.max(splat(simd, 1.0))) * TWO_LN2;
-                Looks { amplitude, slope: [zero; 2], color, normal, cutoff: own.min(cutoff), is_seen }
+                let cutoff = cutoff.min(end * TWO_LN2);
+                let end = end.min(splat(simd, MOST_END - 1.0)) * (1.0 / MOST_END);
+                Looks { amplitude, slope: [zero, end], color, normal, cutoff, is_seen }
             }
             columns::Kind::Surface(surface) => {
                 let even = surface.coverage_floor.max(EVENLY_COVERED as f32);

@@ -10,7 +10,7 @@ mod looks;
 mod orientation;
 mod write;
 
-use super::scalar::Projector;
+use super::scalar::{LEAST_OPACITY, Projector};
 use super::{Places, cutoff_gain};
 use crate::camera::Projection;
 use crate::columns::{self, Factors, LANES, Lanes};
@@ -80,7 +80,7 @@ impl<'a> WideProjector<'a> {
         let area_scale = if grows_unevenly { unit.recip() } else { scalar.determinant.cbrt().powi(2) };
         let strength_scale = match scalar.columns.kind {
             columns::Kind::Extinction => scalar.determinant * gain,
-            columns::Kind::Opacity(_) => 1.0,
+            columns::Kind::Opacity { .. } => 1.0,
             columns::Kind::Surface(_) => area_scale * gain,
         };
         Self {
@@ -102,7 +102,7 @@ impl<'a> WideProjector<'a> {
             low_pass: lens.filter_sigma.powi(2) as f32,
             near: scalar.view.camera.near() as f32,
             tolerance: settings.tolerance as f32,
-            least_opacity: settings.least_opacity().max(1e-30) as f32,
+            least_opacity: settings.least_opacity().max(LEAST_OPACITY) as f32,
             sides: [0, 1].map(|axis| {
                 let sides = &scalar.view.frustum.sides;
                 [2 * axis, 2 * axis + 1]

@@ -21,7 +21,7 @@ struct Drawn<S: Simd> {
     exact: M<S>,
     /// As bits.
     forms: [u32; Form::ALL.len()],
-    /// Of amplitudes, or the slabs.
+    /// Of amplitudes, or slabs and ends.
     slope: [V<S>; 2],
     /// Left, top, right and bottom in pixels.
     edges: [V<S>; 4],
@@ -87,8 +87,9 @@ impl WideProjector<'_> {
             let (mut distance, mut slope) =
                 (if self.perspective { dot(placed.center, placed.center).sqrt() } else { z }, looks.slope);
             if closing.has_slabs() {
-                slope = self.slabs(simd, placed, exact, along);
-                distance = slope[0];
+                let [first, last] = self.slabs(simd, placed, exact, along);
+                slope = [first, last - first + slope[1]];
+                distance = first;
             }
             ends[0] = seen.select(distance, ends[0]).min(ends[0]);
             ends[1] = seen.select(distance, ends[1]).max(ends[1]);

@@ -34,10 +34,11 @@ pub(super) fn trained() -> Cloud {
     let count = 200;
     let shape = |i| oblate_factor(spot(i + 3), 0.16 + 0.1 * number(i, 0.71), 1.0 + (i % 5) as f32);
     let peaks = (0..count).map(|i| 0.5 + 0.49 * number(i, 0.618)).collect();
+    let (filter, least) = (OpacityFilter::Compensated, Strength::LEAST_OF_TRAINED);
     cloud(
         (0..count).map(spot).collect(),
         Shapes::Each((0..count).map(shape).collect()),
-        Strength::Opacity { peaks, filter: OpacityFilter::Compensated },
+        Strength::Opacity { peaks, filter, least },
     )
 }
 
