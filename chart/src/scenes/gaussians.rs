@@ -39,7 +39,11 @@ pub fn trained(count: usize) -> Splats {
     Splats {
         centers,
         shapes: Shapes::Each(factors),
-        strength: Strength::Opacity { peaks, filter: OpacityFilter::Compensated, least: 0.0 },
+        strength: Strength::Opacity {
+            peaks,
+            filter: OpacityFilter::Compensated,
+            least: Strength::LEAST_OF_TRAINED,
+        },
         colors,
         harmonics: Some(Harmonics { degree: 3, coefficients }),
         normals: None,

@@ -162,7 +162,7 @@ mod tests {
             strength: Strength::Opacity {
                 peaks: (0..count).map(|i| number(i, 11)).collect(),
                 filter: OpacityFilter::Classic,
-                least: 0.0,
+                least: Strength::LEAST_OF_TRAINED,
             },
             colors: (0..count).map(|i| [number(i, 12), number(i, 13), number(i, 14)]).collect(),
             harmonics: (degree > 0).then_some(Harmonics { degree, coefficients }),
