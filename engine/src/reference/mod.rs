@@ -17,7 +17,8 @@
 //! * `Extinction` kernels act as far as 6σ and are not renormalised (e⁻¹⁸ is left out).
 //! * `Opacity` kernels are composited whole at the distances of their centres (ties by id), whatever else is in the scene: what lies
 //!   of other kernels before these is integrated before them. Of one that a surface goes through each side is whole. Where the settings
-//!   ask for slabs and there is no `Extinction`, their optical depth −ln(1 − α) is spread along the ray.
+//!   ask for slabs and there is no `Extinction`, their optical depth −ln(1 − α) is spread along the ray. They end where their opacity, before a filter
+//!   dims it, falls below the cloud's least.
 //! * A `Classic` filter is one that R1 has and R2 does not: R2 shows kernels of less than a pixel as small as they
 //!   are, R1 those that a pixel sees.
 //! * `Surface` samples end at the settings' outline, as the rule of layers needs a support, and their
