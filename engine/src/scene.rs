@@ -1,6 +1,6 @@
 //! What is drawn, under which light, and how.
 
-use crate::cloud::Cloud;
+use crate::cloud::{Cloud, OpacityFilter};
 use crate::columns::Kind;
 use crate::frame::Channels;
 use glam::DVec3;
@@ -29,11 +29,14 @@ impl Scene {
             .any(|cloud| matches!(cloud.columns().kind, Kind::Opacity { .. }) && !cloud.is_empty())
     }
 
-    /// Below this all kernels have ended by themselves, whatever pictures leave out; extinctions don't.
-    pub(crate) fn least_opacity(&self) -> f64 {
+    /// Below this all kernels have ended by themselves, whatever pictures leave out. Extinctions don't, nor what a filter dims, however faint it makes it,
+    /// nor what stands for others.
+    pub(crate) fn least_opacity(&self, settings: &RenderSettings) -> f64 {
         let least = |cloud: &Cloud| match cloud.columns().kind {
-            Kind::Opacity { least, .. } => Some(f64::from(least)),
-            Kind::Extinction => Some(0.0),
+            Kind::Opacity { filter: OpacityFilter::Classic, least } if settings.budget.is_none() => {
+                Some(f64::from(least))
+            }
+            Kind::Opacity { .. } | Kind::Extinction => Some(0.0),
             Kind::Surface(_) => None,
         };
         let shown = self.clouds.iter().filter(|cloud| !cloud.is_empty());

@@ -270,7 +270,7 @@ fn with_far_ends((scene, asked): (&Scene, &RenderSettings), settings: &RenderSet
 
 /// The cut-off where the densest opacity falls below the least that counts, no less than the usual one.
 fn opacities_end(scene: &Scene, settings: &RenderSettings) -> f64 {
-    settings.cutoff.max(-2.0 * settings.least_opacity().max(scene.least_opacity()).max(1e-9).ln())
+    settings.cutoff.max(-2.0 * settings.least_opacity().max(scene.least_opacity(settings)).max(1e-9).ln())
 }
 
 /// Settings with opacities that end at finer shares than usual; none where the scene has no opacities, or it was said where they end.
@@ -279,7 +279,7 @@ fn finer_ends(
     settings: RenderSettings,
 ) -> impl Iterator<Item = RenderSettings> {
     let is_left_open = scene.has_opacities() && asked.end_share == RenderSettings::default().end_share;
-    let tells = move |share: f64| is_left_open && settings.tolerance * share > scene.least_opacity();
+    let tells = move |share: f64| is_left_open && settings.tolerance * share > scene.least_opacity(&settings);
     let coarser = [settings.end_share].into_iter().chain(FINER_SHARES);
     let shares = FINER_SHARES.into_iter().zip(coarser).filter(move |(_, coarser)| tells(*coarser));
     shares.map(move |(end_share, _)| with_far_ends((scene, asked), &RenderSettings { end_share, ..settings }))
@@ -296,7 +296,7 @@ fn ends(scene: &Scene, settings: &RenderSettings) -> Vec<RenderSettings> {
     }
     if scene.has_opacities() && settings.end_share == RenderSettings::default().end_share {
         // As near as clouds' own ends no others tell.
-        let tells = |share: f64| settings.tolerance * share > scene.least_opacity();
+        let tells = |share: f64| settings.tolerance * share > scene.least_opacity(settings);
         let told = END_SHARES.iter().take_while(|share| tells(**share)).count();
         let shares = END_SHARES
             .into_iter()

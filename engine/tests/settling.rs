@@ -116,6 +116,45 @@ fn faint_crowds_end_finer() {
     }
 }
 
+/// What the filter dims ends by itself where it would without a filter: from afar nothing is left out of what is far below that.
+#[test]
+fn what_a_filter_dims_shows_from_afar() {
+    let centers = in_ball(20_000);
+    let count = centers.len();
+    let strength = Strength::Opacity {
+        peaks: vec![0.3; count],
+        filter: OpacityFilter::Compensated,
+        least: Strength::LEAST_OF_TRAINED,
+    };
+    let cloud = Cloud::new(Splats {
+        centers,
+        shapes: Shapes::Shared(Mat3::from_diagonal(Vec3::splat(0.01))),
+        strength,
+        colors: vec![[1.0; 3]; count],
+        harmonics: None,
+        normals: None,
+        material: Material::UNLIT,
+    })
+    .unwrap();
+    // 0.09 pixels: the filter leaves 1/40 of a peak.
+    let camera = scenes::camera(4.6, 24);
+    let truth = {
+        let settings = RenderSettings { tolerance: 1e-7, cutoff: 30.0, ..unshaded() };
+        draw(vec![cloud.clone()], &camera, &settings).color
+    };
+    assert!(truth.iter().any(|pixel| pixel[3] > 0.2), "it hardly shows");
+    for tolerance in [1.0 / 255.0, 8.0 / 255.0] {
+        let left_open = RenderSettings { tolerance, ..unshaded() };
+        let scene = Scene { clouds: vec![cloud.clone()], lights: Vec::new() };
+        let settled = settle(&scene, &camera, &left_open).unwrap();
+        let [usual, found] = [0.25, settled.end_share].map(|end_share| {
+            let settings = RenderSettings { end_share, ..settled };
+            error(&truth, &draw(vec![cloud.clone()], &camera, &settings).color)
+        });
+        assert!(usual > tolerance && found <= tolerance, "{usual} → {found} at {tolerance}");
+    }
+}
+
 /// Dense kernels in two colours, which sorted centres get wrong, a tenth as wide as the picture and in its corner.
 #[test]
 fn what_is_small_in_the_picture_is_looked_at() {

@@ -62,18 +62,24 @@ impl fmt::Display for Note {
     }
 }
 
+impl Content {
+    /// What is up by custom where a format has none of its own.
+    pub(crate) fn up(&self) -> DVec3 {
+        match self {
+            // Reconstructions keep the axes of their first camera: y points down.
+            Self::Splats { splats, .. } if matches!(splats.strength, Strength::Opacity { .. }) => {
+                DVec3::NEG_Y
+            }
+            Self::Volume(_) | Self::Irregular(_) | Self::Points(_) => DVec3::Z,
+            _ => DVec3::Y,
+        }
+    }
+}
+
 impl Opened {
     /// Content of which there is something to be said.
     pub(crate) fn noting(content: Content, notes: Vec<Note>) -> Self {
-        let up = match &content {
-            // Reconstructions keep the axes of their first camera: y points down.
-            Content::Splats { splats, .. } if matches!(splats.strength, Strength::Opacity { .. }) => {
-                DVec3::NEG_Y
-            }
-            Content::Volume(_) | Content::Irregular(_) | Content::Points(_) => DVec3::Z,
-            _ => DVec3::Y,
-        };
-        Self { format: "", up, content, notes }
+        Self { format: "", up: content.up(), content, notes }
     }
 }
 

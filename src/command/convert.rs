@@ -90,8 +90,9 @@ pub(crate) fn run(args: ConvertArgs) -> Result<()> {
         notes.extend(save(&content, up, target, file)?);
         Ok(())
     })?;
-    if target.up() != up && !target.holds_volumes() && target != Target::Glb {
-        let [up, custom] = [up, target.up()].map(axis);
+    let custom = target.up(&content);
+    if custom != up && !target.holds_volumes() && target != Target::Glb {
+        let [up, custom] = [up, custom].map(axis);
         let text = format!(
             "that {up} is up: axes are as they were, but programs take {custom} for up in such files"
         );

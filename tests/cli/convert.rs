@@ -126,6 +126,21 @@ fn surfels_stand_where_they_stood() {
     assert!(found <= 1, "{found} levels");
 }
 
+/// Of splats in oblate's own PLY what is up goes by what they are.
+#[test]
+fn what_is_up_is_said_where_programs_take_another_axis() {
+    let place = Workplace::new();
+    place.ball();
+    place.run(&["convert", "ball_16x16x16_uint8.raw", "surfels.ply", "--iso", "100", "--quiet"]);
+    place.run(&["convert", "surfels.ply", "trained.ply", "--as", "gaussian-ply", "--quiet"]);
+    let [_, same] = place.run(&["convert", "trained.ply", "a.ply", "--as", "surfel-ply"]);
+    assert!(!same.contains("is up"), "{same}");
+    // Turned upright.
+    place.run(&["convert", "trained.ply", "a.glb", "--quiet"]);
+    let [_, other] = place.run(&["convert", "a.glb", "a.ply", "--as", "surfel-ply"]);
+    assert!(other.contains("left out: that +y is up") && other.contains("take −y"), "{other}");
+}
+
 /// Half a unit is what single precision has five million units away.
 #[test]
 fn places_on_maps_are_kept() {

@@ -144,6 +144,10 @@ pub struct RecordHit {
 /// Fractions say where an opacity ends in units of this; it ends sooner, though its Gaussian has fallen to 1e-19 there.
 pub(crate) const MOST_END: f32 = 64.0;
 
+/// Beside so many slabs there is no room for it: the fraction is [`NO_END`] then, beyond every cut-off.
+pub(super) const MOST_SLABS: f32 = 4096.0;
+pub(super) const NO_END: f32 = 0.5;
+
 impl Record {
     /// Nothing.
     pub(crate) const BLANK: Self = Self {

@@ -2,7 +2,7 @@
 //! that reach the camera plane or cover no area of their own.
 
 use super::ewa::{CameraSplat, Footprint, Lens, MEAN_DEVIATION};
-use super::record::{Form, Kind, MOST_END, Record, Rect};
+use super::record::{Form, Kind, MOST_END, MOST_SLABS, NO_END, Record, Rect};
 use super::{Projected, SurfaceSample, cutoff_gain};
 use crate::camera::{Camera, Projection};
 use crate::closing::Closing;
@@ -246,7 +246,8 @@ impl<'a> Projector<'a> {
                 closing.numbers_of_one(splat.center.as_vec3(), along)
             };
             let [_, end] = record.amplitude_slope_or_slabs;
-            record.amplitude_slope_or_slabs = [first, last - first + end];
+            let (more, has_room) = (last - first, last - first < MOST_SLABS);
+            record.amplitude_slope_or_slabs = [first, more + if has_room { end } else { NO_END }];
             distance = first;
         }
         if settings.color_by_form {

@@ -110,6 +110,29 @@ fn a_kernel_by_itself_is_as_dense_in_slabs_of_any_thickness() {
     }
 }
 
+/// Where an opacity ends is kept with how many slabs share it: of hundreds of thousands a cut-off takes its place.
+#[test]
+fn an_opacity_by_itself_is_as_dense_in_slabs_of_any_thickness() {
+    let camera = scenes::looking_from(DVec3::Z * -20.0, 48);
+    let strength = Strength::Opacity {
+        peaks: vec![0.9],
+        filter: OpacityFilter::Classic,
+        least: Strength::LEAST_OF_TRAINED,
+    };
+    // The filter widens it to a pixel.
+    let factor = Mat3::from_diagonal(Vec3::new(0.01, 0.01, 1.5));
+    let kernel = vec![splats(vec![Vec3::ZERO], vec![factor], strength, vec![[1.0; 3]])];
+    let alone = |order| draw(kernel.clone(), &camera, &RenderSettings { tolerance: 1e-5, ..ordered(order) });
+    let whole = alone(Order::Centers);
+    assert!(whole.color.iter().any(|color| color[3] > 0.3), "it hardly shows");
+    // In units of its median σ, 0.01: from hundreds of slabs over its length to a million. Where it ends it is 1/255; the cut-off leaves less.
+    let least = f64::from(Strength::LEAST_OF_TRAINED);
+    for (thickness, most) in [(2.0, 2e-5), (0.6, 2e-5), (0.1, least), (0.001, least)] {
+        let found = apart(&whole, &alone(Order::Slabs { thickness })).max_error;
+        assert!(found <= most, "slabs of {thickness}: {found:e}");
+    }
+}
+
 #[test]
 fn interpenetrating_kernels_are_the_integral_in_thin_slabs() {
     let eye = DVec3::new(1.0, 2.0, -20.0);

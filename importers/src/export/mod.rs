@@ -103,11 +103,12 @@ impl Target {
         Self::ALL.iter().find(|(target, _)| *target == self).map_or("", |(_, name)| name)
     }
 
-    /// What is up in such a file by custom, as [`crate::Opened::up`] has it when it is read.
-    pub fn up(self) -> DVec3 {
+    /// What is up by custom in such a file of this content, as [`crate::Opened::up`] has it when it is read.
+    pub fn up(self, content: &Content) -> DVec3 {
         match self {
             Self::GaussianPly | Self::Splat | Self::Spz => DVec3::NEG_Y,
-            Self::SurfelPly | Self::Glb => DVec3::Y,
+            Self::SurfelPly => content.up(),
+            Self::Glb => DVec3::Y,
             Self::Nrrd | Self::Vti => DVec3::Z,
         }
     }

@@ -7,7 +7,7 @@ use super::hidden::Hiding;
 use super::looks::Looks;
 use crate::columns::{self, LANES, Lanes};
 use crate::cull::VisibleRange;
-use crate::footprint::record::{Form, Kind, Record, Rect, Tag};
+use crate::footprint::record::{Form, Kind, MOST_SLABS, NO_END, Record, Rect, Tag};
 use crate::footprint::scalar::{MOST_AMPLITUDE, MOST_SUMMED, OPAQUE_AMPLITUDE};
 use crate::footprint::{Places, touched};
 use crate::simd::*;
@@ -88,7 +88,8 @@ impl WideProjector<'_> {
                 (if self.perspective { dot(placed.center, placed.center).sqrt() } else { z }, looks.slope);
             if closing.has_slabs() {
                 let [first, last] = self.slabs(simd, placed, exact, along);
-                slope = [first, last - first + slope[1]];
+                let (more, most) = (last - first, splat(simd, MOST_SLABS));
+                slope = [first, more + more.simd_lt(most).select(slope[1], splat(simd, NO_END))];
                 distance = first;
             }
             ends[0] = seen.select(distance, ends[0]).min(ends[0]);
