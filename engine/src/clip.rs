@@ -121,10 +121,12 @@ fn of_parts(splats: Splats, parts: &[(usize, Part)]) -> Splats {
     let mass = |part: &Part| part.share;
     let strength = match splats.strength {
         Strength::Extinction { masses } => Strength::Extinction { masses: shares(&masses, f32::MAX, mass) },
-        // A peak times the extent is what a mass is to extinction.
+        // What a peak is above the least times the extent is what a mass is to extinction.
         Strength::Opacity { peaks, filter, least } => {
-            let peaks = shares(&peaks, 1.0, |part| part.share / part.narrowing.max(f64::MIN_POSITIVE));
-            Strength::Opacity { peaks, filter, least }
+            let above: Vec<f32> = peaks.iter().map(|peak| (peak - least).max(0.0)).collect();
+            let above =
+                shares(&above, 1.0 - least, |part| part.share / part.narrowing.max(f64::MIN_POSITIVE));
+            Strength::Opacity { peaks: above.iter().map(|above| above + least).collect(), filter, least }
         }
         Strength::Surface(surface) => Strength::Surface(Surface {
             areas: shares(&surface.areas, f32::MAX, mass),

@@ -416,15 +416,14 @@ fn validate(splats: &Splats) -> Result<(), CloudError> {
             range("masses", masses, f32::MAX, "a mass is finite and at least 0")
         }
         Strength::Opacity { peaks, filter: _, least } => {
-            const EXPECTED: &str = "an opacity is from 0 to 1";
-            range("peaks", peaks, 1.0, EXPECTED)?;
+            range("peaks", peaks, 1.0, OPACITY)?;
             let is_right = (0.0..=1.0).contains(least);
-            is_right.then_some(()).ok_or_else(|| wrong(0, "least opacity", least.to_string(), EXPECTED))
+            is_right.then_some(()).ok_or_else(|| wrong(0, "least opacity", least.to_string(), OPACITY))
         }
         Strength::Surface(surface) => {
             range("areas", &surface.areas, f32::MAX, "an area is finite and at least 0")?;
             if let Some(opacities) = &surface.opacities {
-                range("opacities", opacities, 1.0, "an opacity is from 0 to 1")?;
+                range("opacities", opacities, 1.0, OPACITY)?;
             }
             surface.closed.check()?;
             check_surface(surface.depth_tolerance, surface.coverage_floor)
@@ -458,6 +457,9 @@ pub(crate) fn check_material(material: Material) -> Result<(), CloudError> {
     }
     Ok(())
 }
+
+/// What an opacity should be.
+const OPACITY: &str = "an opacity is from 0 to 1";
 
 pub(crate) fn check_surface(depth_tolerance: f32, coverage_floor: f32) -> Result<(), CloudError> {
     if !(depth_tolerance >= 0.0 && depth_tolerance.is_finite()) {

@@ -207,7 +207,8 @@ pub(crate) struct Columns {
     pub(crate) orientations: Option<Column<9>>,
     /// Of the same how fine what they stand for is, from 0 to 1: the root of the mean σ₁σ₂ of the cloud's own surfels over theirs.
     pub(crate) grains: Option<Column<1>>,
-    /// Of kernels that stand for others and that no filter dims, the sum of the opacities of the cloud's own that each stands for.
+    /// Of kernels that stand for others and that no filter dims, the sum of what the opacities of the cloud's own that each stands for are above
+    /// their least.
     pub(crate) opacities_of_own: Option<Column<1>>,
     pub(crate) material: Material,
 }

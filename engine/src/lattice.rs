@@ -9,6 +9,7 @@
 //! it may be: of a kernel alone up to six times as much, in 99.9 % of an engine's pixels up to twice.
 
 use crate::camera::Projection;
+use crate::columns::Kind;
 use crate::composite::Runs;
 use crate::cull::{VisibleRange, touched_pixels};
 use crate::frame::Channels;
@@ -28,6 +29,9 @@ const SHARE: f32 = 0.125;
 /// times what the outermost two change in the same block at most, two hundred times where it is half as wide: it may lie between the
 /// pixels that are drawn.
 pub(crate) const LEAST_SIGMA: f64 = 1.75;
+
+/// What kernels may have left where they end, by the tolerance: an interpolation across that is off by a half of it.
+pub(crate) const HIGHEST_END: f64 = 0.5;
 
 /// The share of the pixels with volumes in which surfaces may be: there all pixels are drawn.
 const MOST_CUT: f64 = 0.5;
@@ -219,8 +223,14 @@ fn is_worth_it(view: SceneView, PerPass { surfaces, volumes }: &PerPass<Vec<Visi
         };
         (sigma * lens.focal.min_element() / distance).hypot(lens.filter_sigma) >= LEAST_SIGMA
     };
+    // Kernels that end where they still show are drawn again.
+    let fades = |range: &VisibleRange| match scene.clouds[range.cloud].levels()[range.level].columns.kind {
+        Kind::Opacity { least, .. } => f64::from(least) <= HIGHEST_END * settings.tolerance,
+        _ => true,
+    };
     let seen = |ranges: &[VisibleRange]| touched_pixels(camera, ranges.iter());
-    volumes.iter().all(is_wide) && (surfaces.is_empty() || seen(surfaces) < MOST_CUT * seen(volumes))
+    let is_smooth = volumes.iter().all(|range| is_wide(range) && fades(range));
+    is_smooth && (surfaces.is_empty() || seen(surfaces) < MOST_CUT * seen(volumes))
 }
 
 /// The lattice's pixels in a tile of the picture and around it.

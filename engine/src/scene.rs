@@ -33,7 +33,9 @@ impl Scene {
     /// nor what stands for others.
     pub(crate) fn least_opacity(&self, settings: &RenderSettings) -> f64 {
         let least = |cloud: &Cloud| match cloud.columns().kind {
-            Kind::Opacity { filter: OpacityFilter::Classic, least } if settings.budget.is_none() => {
+            Kind::Opacity { filter: OpacityFilter::Classic, least }
+                if settings.level_of_detail == 0.0 || cloud.levels().len() == 1 =>
+            {
                 Some(f64::from(least))
             }
             Kind::Opacity { .. } | Kind::Extinction => Some(0.0),
@@ -181,7 +183,7 @@ pub struct RenderSettings {
     /// Squared Mahalanobis radius at which kernels are cut off, from 1 to 100; their mass is renormalised. [`crate::settle()`] may find another.
     pub cutoff: f64,
     /// The share of the tolerance, from 0 to 1, below which opacities are left out: several kernels end in a pixel, and what they lack together is to
-    /// stay within the tolerance. [`crate::settle()`] may find another.
+    /// stay within the tolerance. [`crate::settle()`] may find another. A cloud's own least opacity ends its kernels sooner.
     pub end_share: f64,
     /// Squared Mahalanobis radius at which surfels end, from 1 to 100, to references too: it is a part of what they are. [`crate::settle()`] may find
     /// another.
@@ -242,6 +244,46 @@ impl Default for RenderSettings {
             interpolation: true,
             color_by_form: false,
             channels: Channels::All,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cloud::{Material, Shapes, Splats, Strength};
+    use glam::{Mat3, Vec3};
+
+    #[test]
+    fn kernels_have_ended_by_themselves_where_nothing_dims_them_or_stands_for_them() {
+        let count = 2000;
+        let cloud = |strength| {
+            Cloud::new(Splats {
+                centers: (0..count).map(|i| Vec3::X * i as f32).collect(),
+                shapes: Shapes::Shared(Mat3::IDENTITY),
+                strength,
+                colors: vec![[1.0; 3]; count],
+                harmonics: None,
+                normals: None,
+                material: Material::UNLIT,
+            })
+            .unwrap()
+        };
+        let opacities = |filter, least| cloud(Strength::Opacity { peaks: vec![0.5; count], filter, least });
+        let classic = opacities(OpacityFilter::Classic, 0.25);
+        let fog = cloud(Strength::Extinction { masses: vec![1.0; count] });
+        let [usual, every_splat] =
+            [1.0, 0.0].map(|level_of_detail| RenderSettings { level_of_detail, ..RenderSettings::default() });
+        for (clouds, settings, expected) in [
+            (vec![classic.clone()], usual, 0.25),
+            (vec![classic.clone().with_levels()], usual, 0.0),
+            (vec![classic.clone().with_levels()], every_splat, 0.25),
+            (vec![classic.clone(), opacities(OpacityFilter::Classic, 0.125)], usual, 0.125),
+            (vec![classic.clone(), opacities(OpacityFilter::Compensated, 0.25)], usual, 0.0),
+            (vec![classic, fog], usual, 0.0),
+            (Vec::new(), usual, 0.0),
+        ] {
+            assert_eq!(Scene { clouds, lights: Vec::new() }.least_opacity(&settings), expected);
         }
     }
 }

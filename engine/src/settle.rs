@@ -63,8 +63,8 @@ const LEAST_SHOWN: usize = 100;
 /// - Extinctions end at a [cut-off](RenderSettings::cutoff) of 9, if that is what it is by default, or as it is, where 99 % of the
 ///   pixels that show anything differ by at most half of the tolerance.
 /// - Opacities end at a [share of the tolerance](RenderSettings::end_share) from a quarter to 1/64, where 99.9 % differ by at most 0.6 of
-///   it, if that is what it is by default, and at finer ones down to 1/4096 where those differ by more. They are cut off by their opacity alone, which
-///   costs little.
+///   it, if that is what it is by default, and at finer ones down to 1/4096 where those differ by more; not below what all kernels end at by themselves
+///   ([`crate::Strength::Opacity`]). They are cut off by their opacity alone, which costs little.
 /// - Of both, extinctions end nearer first, with opacities at the share that is set, and then opacities at smaller ones; all is judged as
 ///   opacities are.
 /// - Surfels end at an [outline](RenderSettings::outline) of 6.25 or 9, if it is what it is by default, where 99.9 % differ by at
@@ -76,7 +76,7 @@ const LEAST_SHOWN: usize = 100;
 /// of 1.86σ (2σ where kernels are not alike) than with the thicker ones that ways were judged by, those are taken instead.
 ///
 /// The picture is then drawn with what this gives, as often as is wanted: nothing changes from frame to frame. Where windows and those elsewhere show nothing,
-/// settings stay as they are, but opacities, if it is left open where they end, end at 1/4096 of the tolerance, as they do where windows show
+/// settings stay as they are, but opacities, if it is left open where they end and they don't end sooner, end at 1/4096 of the tolerance, as they do where windows show
 /// less than a hundred pixels; pictures of fewer pixels than a window's are drawn in the finest way.
 ///
 /// An order or a form that is not left to the engine stays as it is, and so do ends and levels that aren't what they are by default. Where all kernels have opacities they keep the

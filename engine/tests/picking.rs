@@ -198,6 +198,13 @@ fn trained_splats_are_picked_whole() {
         scene(vec![kernels(&centers, 0.2, strength)])
     };
     let settings = RenderSettings::default();
+    // Within where they end, and outside.
+    let ended = |x: f64| {
+        let strength = Strength::Opacity { peaks: vec![0.6; 5], filter: OpacityFilter::Classic, least: 0.5 };
+        pick(&scene(vec![kernels(&centers, 0.2, strength)]), &settings, DVec2::new(x, 16.0))
+    };
+    assert!(ended(20.0).is_some() && ended(22.0).is_none());
+    assert!(pick(&opacities([0.6; 5]), &settings, DVec2::new(22.0, 16.0)).is_some());
     let picked = |peaks: [f32; 5], pixel: DVec2| pick(&opacities(peaks), &settings, pixel).unwrap();
     // T: 0.8, 0.64, 0.512, 0.4096, 0.32768; half of what is seen at 0.664.
     let middle = picked([0.2; 5], DVec2::new(20.0, 16.0));

@@ -58,6 +58,10 @@ fn refusals() -> Vec<Result<(), String>> {
                 s.strength =
                     Strength::Opacity { peaks: vec![bad, 0.5], filter: OpacityFilter::Classic, least: 0.0 }
             }),
+            cloud_with(|s| {
+                s.strength =
+                    Strength::Opacity { peaks: vec![0.5; 2], filter: OpacityFilter::Classic, least: bad }
+            }),
             cloud_with(|s| s.material.specular = bad),
             with_settings(RenderSettings { background: [0.0, bad, 0.0, 1.0], ..unshaded() }),
             with_settings(RenderSettings { low_pass: bad.into(), ..unshaded() }),

@@ -68,7 +68,7 @@ pub struct Record {
     pub depth_slope: [f32; 2],
     /// Of a surface sample the change of its amplitude a pixel, as n·v changes along the picture: where its plane is follows from
     /// it. Of a volume kernel the first slab that it may touch, where there are slabs, and how many more; the fraction of that number says where an
-    /// opacity [ends](Self::end).
+    /// opacity ends, in 64ths of halvings; of an opacity in 4096 slabs or more that it ends with its rectangle.
     pub amplitude_slope_or_slabs: [f32; 2],
     /// Shaded colour of a volume kernel; base colour of a surface sample. In the blend space.
     pub color: [f32; 3],
@@ -141,10 +141,11 @@ pub struct RecordHit {
     pub scale: f32,
 }
 
-/// Fractions say where an opacity ends in units of this; it ends sooner, though its Gaussian has fallen to 1e-19 there.
+/// The unit of the fraction that says where an opacity ends, in halvings. Farther ends count as 63, where a Gaussian has fallen to 1e-19.
 pub(crate) const MOST_END: f32 = 64.0;
 
-/// Beside so many slabs there is no room for it: the fraction is [`NO_END`] then, beyond every cut-off.
+/// Beside so many slabs there is no room for it: the fraction is [`NO_END`] then, where a Gaussian has fallen to 2e-10, so that the rectangle of its
+/// end is where a kernel ends.
 pub(super) const MOST_SLABS: f32 = 4096.0;
 pub(super) const NO_END: f32 = 0.5;
 
@@ -184,7 +185,7 @@ impl Record {
         number.fract() * MOST_END
     }
 
-    /// The last slab that a volume kernel may touch, from its first one and how many follow.
+    /// The last slab that a volume kernel may touch, from its first one and how many follow; of one that is composited at its centre where that is among slabs.
     #[inline(always)]
     pub(crate) fn last_slab(&self) -> f32 {
         let [first, number] = self.amplitude_slope_or_slabs;

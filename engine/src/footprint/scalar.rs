@@ -165,7 +165,7 @@ impl<'a> Projector<'a> {
             _ => f64::INFINITY,
         };
         let bounded = cutoff.min(end);
-        if bounded < 0.0 {
+        if bounded <= 0.0 {
             return None;
         }
         let [center, half] = footprint.bounds(bounded, exact);
@@ -246,8 +246,9 @@ impl<'a> Projector<'a> {
                 closing.numbers_of_one(splat.center.as_vec3(), along)
             };
             let [_, end] = record.amplitude_slope_or_slabs;
-            let (more, has_room) = (last - first, last - first < MOST_SLABS);
-            record.amplitude_slope_or_slabs = [first, more + if has_room { end } else { NO_END }];
+            let more = last - first;
+            let end = if more < MOST_SLABS { end } else { NO_END };
+            record.amplitude_slope_or_slabs = [first, more + end];
             distance = first;
         }
         if settings.color_by_form {
@@ -364,8 +365,8 @@ fn least_between_cells(overlap: f64, attenuation: f64) -> f64 {
 /// Opacities below this count as if they were this.
 pub(super) const LEAST_OPACITY: f64 = 1e-30;
 
-/// Where a kernel ends whose peaks, as the filter leaves it and by itself, fall below the least opacities, of pictures and of the cloud; below 0 if one never
-/// reaches that.
+/// Where a kernel ends whose peaks, as the filter leaves it and by itself, fall below the least opacities, of pictures and of the cloud;
+/// at 0 or below if one is no more than that.
 fn opacity_end(peaks: [f64; 2], least: [f64; 2]) -> f64 {
     let end = |i: usize| 2.0 * (peaks[i] / least[i].max(LEAST_OPACITY)).ln();
     end(0).min(end(1))

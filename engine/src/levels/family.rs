@@ -19,7 +19,7 @@ pub(super) struct Member {
     pub(super) orientation: Orientation,
     /// The mean σ₁σ₂ of the cloud's own surfels that it stands for.
     pub(super) kernel_of_own: f64,
-    /// Of kernels with opacities, the sum of those of the cloud's own that it stands for.
+    /// Of kernels with opacities, the sum of what those of the cloud's own that it stands for are above their least.
     pub(super) opacity_of_own: f64,
     /// Its part in the means of the family; all add up to 1.
     pub(super) share: f64,
@@ -142,12 +142,12 @@ impl Member {
 }
 
 /// What is left of the light and of the variances of a Gaussian in the picture that ends where it has fallen to a share q of its peak: 1 − q, and
-/// 1 + q ln q/(1 − q).
+/// 1 + q ln q/(1 − q). So much is left from every side, hence along all three axes.
 fn kept_to_end(q: f64) -> [f64; 2] {
-    if q > 0.0 && q < 1.0 {
-        [1.0 - q, 1.0 + q * q.ln() / (1.0 - q)]
-    } else {
-        [if q >= 1.0 { 0.0 } else { 1.0 }, 1.0]
+    match q {
+        q if q >= 1.0 => [0.0, 1.0],
+        q if q > 0.0 => [1.0 - q, 1.0 + q * q.ln() / (1.0 - q)],
+        _ => [1.0; 2],
     }
 }
 

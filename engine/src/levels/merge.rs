@@ -48,7 +48,7 @@ pub(super) fn coarser(below: &Level, tolerance: f64) -> Level {
         shapes: Shapes::Each(merged.iter().map(|m| m.factor).collect()),
         strength: match columns.kind {
             Kind::Extinction => Strength::Extinction { masses: strengths },
-            // What its members lack where they end it lacks all over.
+            // What its members lack where they end it lacks all over; it is as narrow as they.
             Kind::Opacity { filter, .. } => Strength::Opacity { peaks: strengths, filter, least: 0.0 },
             Kind::Surface(SurfaceKind { depth_tolerance, coverage_floor, ref closed, .. }) => {
                 let opacities = columns.opacities.as_ref().map(|_| column(|m| m.opacity));

@@ -22,7 +22,7 @@ pub(super) struct Sixteen<S: Simd> {
     pub(super) conic_root: [W<S>; 3],
     pub(super) sigma_z: W<S>,
     pub(super) depth_slope: [W<S>; 2],
-    /// See [`Record::end`].
+    /// Where opacities end, as powers of 1/2.
     pub(super) ends: W<S>,
     pub(super) color: [W<S>; 3],
     tags: u32x16<S>,
@@ -85,7 +85,7 @@ mod tests {
                 conic_root: [number(4), number(5), number(6)],
                 sigma_z: number(7),
                 depth_slope: [number(8), number(9)],
-                amplitude_slope_or_slabs: [number(10), number(11)],
+                amplitude_slope_or_slabs: [number(10), number(11) + i as f32 / 32.0],
                 color: [number(12), number(13), number(14)],
                 tag: Tag { cloud: u16::MAX - i as u16, kind: kinds[i % 3], form: Form::ALL[i / 3 % 3] },
             }
@@ -99,6 +99,8 @@ mod tests {
                     (x, 0), (y, 1), (all.depth, 2), (all.amplitude, 3), (a, 4), (b, 5), (c, 6), (all.sigma_z, 7),
                     (across, 8), (down, 9), (red, 12), (green, 13), (blue, 14),
                 ];
+                let ends: [f32; 16] = all.ends.into();
+                assert_eq!(ends, records.each_ref().map(Record::end), "{level:?}");
                 for (found, place) in numbers {
                     let expected: [f32; 16] = std::array::from_fn(|i| (100 * i + place) as f32);
                     let found: [f32; 16] = found.into();

@@ -6,6 +6,7 @@ use crate::camera::Camera;
 use crate::composite::{Compositor, lead};
 use crate::footprint::Records;
 use crate::frame::{BAND, Channels, Clear, FrameRows};
+use crate::lattice::HIGHEST_END;
 use crate::layers::LayerBuilder;
 use crate::pass::Pass;
 use crate::raster::{KernelLens, Surfaces, SurfelLens, reach_to_cuts};
@@ -148,8 +149,7 @@ impl Renderer {
                     is_taylor: settings.baseline == Some(Baseline::Taylor),
                     reach_to_cuts: reach_to_cuts(settings.tolerance),
                     narrowest: 0.0,
-                    // An interpolation across the border is off by a half of it.
-                    highest_end: (settings.tolerance / 2.0) as f32,
+                    highest_end: (HIGHEST_END * settings.tolerance) as f32,
                 },
                 least_transmittance,
                 lead: lead(&self.visible.volumes, settings, lens.projection),

@@ -132,7 +132,7 @@ fn trained() -> Cloud {
         Strength::Opacity {
             peaks: indices.clone().map(|i| 0.1 + 0.3 * spread(i, 0.414_214)).collect(),
             filter: OpacityFilter::Compensated,
-            least: 0.0,
+            least: Strength::LEAST_OF_TRAINED,
         },
         indices.map(|i| shades(center(i) * 4.0)).collect(),
     )

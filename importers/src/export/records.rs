@@ -9,6 +9,8 @@ use oblate_engine::{Blend, Material, OpacityFilter, Shapes, Splats, Strength};
 pub(crate) struct Records<'a> {
     splats: &'a Splats,
     pub(crate) filter: OpacityFilter,
+    /// Whether opacities end as trained ones do, which is what readers take for granted.
+    ends: bool,
     /// Coefficients of each channel.
     pub(crate) per_splat: usize,
 }
@@ -18,7 +20,7 @@ impl<'a> Records<'a> {
     /// For splats with other strengths, no splats at all, and arrays that aren't of one length.
     pub(crate) fn new(splats: &'a Splats) -> Result<Self, ExportError> {
         let unsuited = |what: &str| Err(ExportError::Unsuited(what.into()));
-        let Strength::Opacity { peaks, filter, .. } = &splats.strength else {
+        let Strength::Opacity { peaks, filter, least } = &splats.strength else {
             return unsuited("splats of this format have peak opacities; these have masses or areas instead");
         };
         let count = splats.centers.len();
@@ -40,7 +42,7 @@ impl<'a> Records<'a> {
         if lengths.iter().any(|length| *length != count) || coefficients != count * per_splat {
             return unsuited("the arrays of splats must have one length");
         }
-        Ok(Self { splats, filter: *filter, per_splat })
+        Ok(Self { splats, filter: *filter, ends: *least == Strength::LEAST_OF_TRAINED, per_splat })
     }
 
     pub(crate) fn count(&self) -> usize {
@@ -74,6 +76,7 @@ impl Records<'_> {
                 blend == Blend::Linear && !words.linear,
                 "that colours mix in linear light: readers of this format mix them display-encoded",
             ),
+            (!self.ends, "where opacities end: readers of this format leave out what is below 1/255"),
             (self.splats.normals.is_some(), "normals"),
             (self.splats.material != Material::UNLIT, "how the splats answer light"),
         ];

@@ -180,7 +180,7 @@ mod tests {
             strength: Strength::Opacity {
                 peaks: vec![peak; count],
                 filter: OpacityFilter::Compensated,
-                least: 0.0,
+                least: Strength::LEAST_OF_TRAINED,
             },
             colors: vec![[0.5, 0.1, 0.9]; count],
             harmonics,

@@ -76,7 +76,11 @@ fn splats(all: &[One], degree: u8, filter: OpacityFilter) -> Splats {
     Splats {
         centers: all.iter().map(|one| Vec3::from(one.center)).collect(),
         shapes: Shapes::Each(all.iter().map(factor).collect()),
-        strength: Strength::Opacity { peaks: all.iter().map(|one| one.peak).collect(), filter, least: 0.0 },
+        strength: Strength::Opacity {
+            peaks: all.iter().map(|one| one.peak).collect(),
+            filter,
+            least: Strength::LEAST_OF_TRAINED,
+        },
         colors: all.iter().map(|one| one.color).collect(),
         harmonics: (degree > 0).then(|| Harmonics {
             degree,
@@ -254,6 +258,17 @@ fn what_is_seen_most_comes_first() {
 }
 
 #[test]
+fn ends_that_readers_do_not_know_are_noted() {
+    let mut whole = splats(&[plain()], 0, OpacityFilter::Classic);
+    let said = |splats: &Splats| dot_splat(splats).1.iter().map(Note::to_string).collect::<String>();
+    assert!(!said(&whole).contains("end"), "{}", said(&whole));
+    if let Strength::Opacity { least, .. } = &mut whole.strength {
+        *least = 0.0;
+    }
+    assert!(said(&whole).contains("left out: where opacities end"), "{}", said(&whole));
+}
+
+#[test]
 fn what_is_not_held_is_refused() {
     let good = splats(&[plain()], 1, OpacityFilter::Classic);
     let masses = Splats { strength: Strength::Extinction { masses: vec![1.0] }, ..good.clone() };
@@ -263,7 +278,11 @@ fn what_is_not_held_is_refused() {
     let none = Splats {
         centers: Vec::new(),
         shapes: Shapes::Each(Vec::new()),
-        strength: Strength::Opacity { peaks: Vec::new(), filter: OpacityFilter::Classic, least: 0.0 },
+        strength: Strength::Opacity {
+            peaks: Vec::new(),
+            filter: OpacityFilter::Classic,
+            least: Strength::LEAST_OF_TRAINED,
+        },
         colors: Vec::new(),
         harmonics: None,
         ..good.clone()

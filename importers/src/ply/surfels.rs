@@ -54,6 +54,7 @@ pub(crate) struct Description {
     pub(crate) origin: DVec3,
 }
 
+/// What an opacity should be.
 const SHARE: &str = "an opacity is from 0 to 1";
 
 /// `strength`, with what belongs to it.
@@ -221,9 +222,10 @@ impl Description {
                     "filter",
                     &[("classic", OpacityFilter::Classic), ("compensated", OpacityFilter::Compensated)],
                 )?,
-                least: match words.0.contains_key("least") {
-                    true => words.number("least", |least| (0.0..=1.0).contains(&least), SHARE)?,
-                    false => 0.0,
+                least: if words.0.contains_key("least") {
+                    words.number("least", |least| (0.0..=1.0).contains(&least), SHARE)?
+                } else {
+                    0.0
                 },
             },
         };

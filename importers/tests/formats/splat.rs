@@ -34,8 +34,11 @@ fn rows_are_splats() {
     let factor = splats.shapes.factor(0);
     assert!(factor.abs_diff_eq(Mat3::from_diagonal(Vec3::new(1.0, 2.0, 0.0)), 2e-7), "{factor}");
     assert_eq!(factor.z_axis, Vec3::ZERO);
-    let Strength::Opacity { peaks, filter, .. } = &splats.strength else { panic!("opacities are expected") };
+    let Strength::Opacity { peaks, filter, least } = &splats.strength else {
+        panic!("opacities are expected")
+    };
     assert_eq!((&peaks[..], *filter), (&[0.2][..], OpacityFilter::Classic));
+    assert_eq!(*least, Strength::LEAST_OF_TRAINED);
     // sRGB's 128/255.
     let [r, g, b] = splats.colors[0];
     assert!(r == 1.0 && (g - 0.215_861).abs() < 1e-6 && b == 0.0, "{r} {g} {b}");

@@ -69,6 +69,9 @@ fn kernels_are_what_the_columns_say() {
         found.strength,
         Strength::Opacity { peaks: vec![0.5], filter: OpacityFilter::Compensated, least: 0.0 }
     );
+    let ended = peak.replace("compensated", "compensated least 0.25");
+    let ended = splats(Folder::new().open("a.ply", file(&ended, &format!("{COLUMNS} peak"), &[row])));
+    assert!(matches!(ended.strength, Strength::Opacity { least: 0.25, .. }), "{:?}", ended.strength);
     let coefficients = vec![[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]];
     assert_eq!(found.harmonics, Some(Harmonics { degree: 1, coefficients }));
 }
@@ -90,6 +93,11 @@ fn what_is_wrong_is_named() {
     refuse(&surface.replace("closed 1 ", ""), columns, &[good], &["\"closed\" is missing"]);
     refuse(&surface.replace("floor 0.5", "floor 0"), columns, &[good], &["coverage_floor", "above 0"]);
     refuse(&surface.replace("exponent 4", "exponent inf"), columns, &[good], &["exponent is \"inf\""]);
+    for least in ["-1", "1.5", "nan"] {
+        let opacity = &format!("{surface} least {least}")
+            .replace("surface depth_tolerance 0.25 coverage_floor 0.5 closed 1", "opacity filter classic");
+        refuse(opacity, columns, &[good], &["line 3", "least is", "from 0 to 1"]);
+    }
     refuse(surface, COLUMNS, &[row], &["no property area"]);
     refuse(surface, columns, &[good, &format!("{row} -1")], &["vertex 1", "area is -1"]);
     refuse(surface, columns, &[&good.replace("0.5", "NaN")], &["vertex 0", "v_x is NaN"]);
