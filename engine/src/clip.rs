@@ -114,22 +114,22 @@ impl Part {
 
 /// The splats that are left, cut; in their order.
 fn of_parts(splats: Splats, parts: &[(usize, Part)]) -> Splats {
-    let shares = |values: &[f32], most: f32, of: fn(&Part) -> f64| {
-        let share = |(index, part): &(usize, Part)| (f64::from(values[*index]) * of(part)) as f32;
-        parts.iter().map(|part| share(part).min(most)).collect::<Vec<f32>>()
+    let shares = |values: &[f32]| {
+        let share = |(index, part): &(usize, Part)| (f64::from(values[*index]) * part.share) as f32;
+        parts.iter().map(|part| share(part).min(f32::MAX)).collect::<Vec<f32>>()
     };
-    let mass = |part: &Part| part.share;
     let strength = match splats.strength {
-        Strength::Extinction { masses } => Strength::Extinction { masses: shares(&masses, f32::MAX, mass) },
+        Strength::Extinction { masses } => Strength::Extinction { masses: shares(&masses) },
         // What a peak is above the least times the extent is what a mass is to extinction.
         Strength::Opacity { peaks, filter, least } => {
-            let above: Vec<f32> = peaks.iter().map(|peak| (peak - least).max(0.0)).collect();
-            let above =
-                shares(&above, 1.0 - least, |part| part.share / part.narrowing.max(f64::MIN_POSITIVE));
-            Strength::Opacity { peaks: above.iter().map(|above| above + least).collect(), filter, least }
+            let peak = |(index, part): &(usize, Part)| {
+                let more = part.share / part.narrowing.max(f64::MIN_POSITIVE);
+                (f64::from(peaks[*index]) * more + f64::from(least) * (1.0 - more)).clamp(0.0, 1.0) as f32
+            };
+            Strength::Opacity { peaks: parts.iter().map(peak).collect(), filter, least }
         }
         Strength::Surface(surface) => Strength::Surface(Surface {
-            areas: shares(&surface.areas, f32::MAX, mass),
+            areas: shares(&surface.areas),
             opacities: surface.opacities.map(|values| parts.iter().map(|(i, _)| values[*i]).collect()),
             closed: match surface.closed {
                 Closed::OneSided => Closed::OneSided,
@@ -196,6 +196,19 @@ mod tests {
         let Strength::Extinction { masses } = half.splats().strength else { panic!("still extinction") };
         assert!((masses[0] - 1.5).abs() < 1e-6, "{masses:?}");
         assert_eq!(half.cloud_to_world(), to_world);
+    }
+
+    /// What it has above its least opacity falls with its half, and rises as it gets narrower, by √(1 − 2/π).
+    #[test]
+    fn half_of_an_opacity() {
+        for least in [0.0, 0.02] {
+            let strength = Strength::Opacity { peaks: vec![0.05], filter: OpacityFilter::Classic, least };
+            let cloud = Cloud::new(splats(1, strength)).unwrap();
+            let half = cloud.clipped(&[HalfSpace { normal: DVec3::Y, offset: 0.0 }]).unwrap();
+            let Strength::Opacity { peaks, .. } = half.splats().strength else { panic!("still opacities") };
+            let wanted = least + 0.5 * (0.05 - least) / (1.0 - 2.0 / std::f32::consts::PI).sqrt();
+            assert!((peaks[0] - wanted).abs() < 1e-6, "{peaks:?}, not {wanted}");
+        }
     }
 
     /// What is on one side of a plane and what is on the other are the whole: mass, first and second moments.

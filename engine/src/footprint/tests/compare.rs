@@ -2,7 +2,8 @@
 
 use super::setups::Setup;
 use crate::camera::Projection;
-use crate::footprint::scalar::Projector;
+use crate::columns::Kind;
+use crate::footprint::scalar::{EVENLY_COVERED, Projector};
 use crate::footprint::{CameraSplat, Footprint, Form, Lens, MOST_END, Projected};
 use glam::{DVec3, Vec3};
 use std::f64::consts::LN_2;
@@ -24,6 +25,8 @@ struct Bounds {
     /// Of the line integral, relative; of a filter's attenuation, in itself.
     integral: f64,
     attenuation: f64,
+    /// Of its root, by which the coverage floor goes: the root of a surfel's that is seen edge-on is that of what rounding makes of it.
+    root_of_attenuation: f64,
     /// Relative, of the squared longest half-axis and √|V|.
     curvature: f64,
     /// Of the estimate of a point's error.
@@ -54,6 +57,8 @@ impl Bounds {
         let of_s = e * (3.5 * t + 2.5 * h) / s + EPSILON;
         let numerator = spread * e * (7.0 * t * t + 4.0 * s + 2.0 * h * h);
         let slope = numerator / (s * s) + footprint.depth_slope.length() * (2.0 * of_s + EPSILON);
+        let attenuation = footprint.filter_attenuation(splat, lens).max(0.0);
+        let of_attenuation = 3.5 * t * e / s + of_s;
         let volume = spread * (3.5 * t * e + 4.0 * h * e + EPSILON * (h * h + s));
         Self {
             position: EPSILON * extent,
@@ -63,7 +68,8 @@ impl Bounds {
             slope,
             sigma: volume / s + footprint.sigma_z * (of_s + EPSILON),
             integral: of_s + 2.0 * EPSILON * ratio * (1.0 + ray),
-            attenuation: 3.5 * t * e / s + of_s,
+            attenuation: of_attenuation,
+            root_of_attenuation: (attenuation + of_attenuation).sqrt() - attenuation.sqrt(),
             curvature: spread * t * slope / (zeta * zeta),
             roundness: 8.0 * (e / t + EPSILON),
         }
@@ -158,9 +164,16 @@ pub(super) fn compare(
             * lens.focal.x,
     );
     let ratio = if perspective { extent / splat.center.z.abs() } else { 1.0 };
+    let of_floor = match &projector.columns.kind {
+        Kind::Surface(surface) => {
+            let floor = f64::from(surface.coverage_floor);
+            (EVENLY_COVERED - floor).max(0.0) / floor * bounds.root_of_attenuation
+        }
+        _ => 0.0,
+    };
     let amplitude = match setup.kind {
         1 => bounds.attenuation + EPSILON,
-        _ => coverage * (bounds.integral + EPSILON * 2.0 * ratio * footprint.center_ray.length()),
+        _ => coverage * (bounds.integral + of_floor + EPSILON * 2.0 * ratio * footprint.center_ray.length()),
     };
     close("amplitude", x.amplitude, y.amplitude, amplitude)?;
     if setup.kind == 1 {

@@ -178,3 +178,34 @@ proptest! {
         check(&setup, &splats)?;
     }
 }
+
+/// The floors of discs that are seen exactly edge-on go by the root of what rounding makes of their attenuation, which is 0.
+#[test]
+fn discs_are_projected_as_one_is_edge_on() {
+    for (step, transform) in (0..200).flat_map(|step| [(step, 0), (step, 3)]) {
+        let setup = Setup {
+            projection: Projection::Orthographic,
+            kind: 2,
+            filter: OpacityFilter::Classic,
+            least: 0.0,
+            shared: false,
+            transform,
+            degree: 0,
+            near: 0.0,
+            settings: RenderSettings { shade: false, ..RenderSettings::default() },
+        };
+        let disc = Seen {
+            place: [0.0; 2],
+            log_depth: 0.0,
+            log_pixels: 0.78 + 0.005 * f64::from(step),
+            stretch: 1.0,
+            flattening: f64::INFINITY,
+            normal: [0.739, 0.950_4, 0.0],
+            edge_on: true,
+            strength: 0.001,
+            color: [0.0; 3],
+            shading: [0.0; 3],
+        };
+        check(&setup, &[disc]).unwrap();
+    }
+}
