@@ -35,6 +35,13 @@ fn seen(cloud: Cloud, camera: &Camera, settings: &RenderSettings) -> Vec<f64> {
     draw(vec![cloud], camera, settings).color.iter().map(|pixel| f64::from(pixel[3])).collect()
 }
 
+/// The kernel's Gaussian of these variances at a pixel, 1 at its centre.
+fn gaussian(place: [usize; 2], variances: [f64; 2]) -> f64 {
+    let offset = |axis: usize| place[axis] as f64 - 4.0 - f64::from(OFFSET[axis]);
+    let r: f64 = (0..2).map(|axis| offset(axis).powi(2) / variances[axis]).sum();
+    (-0.5 * r).exp()
+}
+
 /// x to the right and y down, a pixel 1 wide.
 fn cameras() -> [Camera; 2] {
     let pose = Pose::look_at(DVec3::Z * -1e4, DVec3::ZERO, DVec3::NEG_Y).unwrap();
@@ -61,12 +68,7 @@ fn the_filter_widens_and_dims_or_not() {
                 let found = seen(cloud(sigmas, filter, [PEAK, 0.0]), &camera, &settings);
                 for (index, found) in found.into_iter().enumerate() {
                     let place = [index % SIZE as usize, index / SIZE as usize];
-                    let r: f64 = (0..2)
-                        .map(|axis| place[axis] as f64 - 4.0 - f64::from(OFFSET[axis]))
-                        .zip(widened)
-                        .map(|(offset, variance)| offset * offset / variance)
-                        .sum();
-                    let alpha = f64::from(PEAK) * share * (-0.5 * r).exp();
+                    let alpha = f64::from(PEAK) * share * gaussian(place, widened);
                     // Kernels end at the tolerance, 1e-5, which is half of this; the rest is single precision.
                     let error = (found - alpha).abs();
                     assert!(error <= 2e-5, "{sigmas:?}, {filter:?} at {place:?}: {found} is not {alpha}");
@@ -110,12 +112,7 @@ fn kernels_end_at_their_least_opacity() {
             let (mut whole, mut ended) = (0, 0);
             for (index, (found, reference)) in found.into_iter().zip(reference).enumerate() {
                 let place = [index % SIZE as usize, index / SIZE as usize];
-                let r: f64 = (0..2)
-                    .map(|axis| place[axis] as f64 - 4.0 - f64::from(OFFSET[axis]))
-                    .zip(widened)
-                    .map(|(offset, variance)| offset * offset / variance)
-                    .sum();
-                let undimmed = f64::from(peak) * (-0.5 * r).exp();
+                let undimmed = f64::from(peak) * gaussian(place, widened);
                 // No pixel is as near to an end as rounding is.
                 assert!((undimmed / f64::from(least) - 1.0).abs() > 1e-3, "{place:?} tells nothing");
                 let alpha = if undimmed > f64::from(least) { undimmed * share } else { 0.0 };
