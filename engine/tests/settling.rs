@@ -18,6 +18,21 @@ fn in_ball(count: usize) -> Vec<Vec3> {
     (0..count).map(place).filter(|place| place.length() < 1.0).collect()
 }
 
+/// Round white kernels.
+fn white(centers: Vec<Vec3>, sigma: f32, strength: Strength) -> Cloud {
+    let colors = vec![[1.0; 3]; centers.len()];
+    Cloud::new(Splats {
+        centers,
+        shapes: Shapes::Shared(Mat3::from_diagonal(Vec3::splat(sigma))),
+        strength,
+        colors,
+        harmonics: None,
+        normals: None,
+        material: Material::UNLIT,
+    })
+    .unwrap()
+}
+
 /// The error that 99.9 % of the pixels keep to that show anything.
 fn error(truth: &[[f32; 4]], found: &[[f32; 4]]) -> f64 {
     let shown = truth.iter().zip(found).filter(|(a, b)| a[3] + b[3] > 0.0);
@@ -32,16 +47,11 @@ fn error(truth: &[[f32; 4]], found: &[[f32; 4]]) -> f64 {
 fn what_crowds_lack_where_they_end_stays_within_the_tolerance() {
     let centers = in_ball(200_000);
     let count = centers.len();
-    let crowd = Cloud::new(Splats {
+    let crowd = white(
         centers,
-        shapes: Shapes::Shared(Mat3::from_diagonal(Vec3::splat(0.004))),
-        strength: Strength::Opacity { peaks: vec![0.1; count], filter: OpacityFilter::Classic, least: 0.0 },
-        colors: vec![[1.0; 3]; count],
-        harmonics: None,
-        normals: None,
-        material: Material::UNLIT,
-    })
-    .unwrap();
+        0.004,
+        Strength::Opacity { peaks: vec![0.1; count], filter: OpacityFilter::Classic, least: 0.0 },
+    );
     let camera = scenes::camera(4.6, 48);
     let tolerance = 8.0 / 255.0;
     let left_open = RenderSettings { tolerance, ..unshaded() };
@@ -74,22 +84,11 @@ fn faint_crowds_end_finer() {
     let centers = in_ball(40_000);
     let count = centers.len();
     let scene = |peak: f32| Scene {
-        clouds: vec![
-            Cloud::new(Splats {
-                centers: centers.clone(),
-                shapes: Shapes::Shared(Mat3::from_diagonal(Vec3::splat(0.1))),
-                strength: Strength::Opacity {
-                    peaks: vec![peak; count],
-                    filter: OpacityFilter::Classic,
-                    least: 0.0,
-                },
-                colors: vec![[1.0; 3]; count],
-                harmonics: None,
-                normals: None,
-                material: Material::UNLIT,
-            })
-            .unwrap(),
-        ],
+        clouds: vec![white(
+            centers.clone(),
+            0.1,
+            Strength::Opacity { peaks: vec![peak; count], filter: OpacityFilter::Classic, least: 0.0 },
+        )],
         lights: Vec::new(),
     };
     let camera = scenes::camera(4.6, 48);
@@ -126,16 +125,7 @@ fn what_a_filter_dims_shows_from_afar() {
         filter: OpacityFilter::Compensated,
         least: Strength::LEAST_OF_TRAINED,
     };
-    let cloud = Cloud::new(Splats {
-        centers,
-        shapes: Shapes::Shared(Mat3::from_diagonal(Vec3::splat(0.01))),
-        strength,
-        colors: vec![[1.0; 3]; count],
-        harmonics: None,
-        normals: None,
-        material: Material::UNLIT,
-    })
-    .unwrap();
+    let cloud = white(centers, 0.01, strength);
     // 0.09 pixels: the filter leaves 1/40 of a peak.
     let camera = scenes::camera(4.6, 24);
     let truth = {
